@@ -3,7 +3,7 @@
 //! in both forms. Settings and parts of the recording are drawn, in all modes.
 
 use crate::house::House;
-use crate::recorded::{AS_RECORDED, bursts, rows, sample, with_signals};
+use crate::recorded::{AS_RECORDED, bursts, rows, sample, with_samples, with_signals};
 use inkling::burst::Burst;
 use inkling::io::verdict_reader::VerdictReader;
 use inkling::verdict::VerdictColumns;
@@ -168,5 +168,41 @@ fn other_printheads_in_the_file_do_not_matter() {
             |(of, said): &(&Signal, &Said)| !others.get(*of).is_some_and(|now| now.is_as(said));
         let first = alone.iter().find(differs);
         assert!(first.is_none(), "{mode}: {first:?}");
+    }
+}
+
+/// The same bursts with a constant number of counts in every sample.
+fn raised(of: Vec<Burst>, counts: f64) -> Vec<Burst> {
+    of.iter().map(|burst| with_samples(burst, |_, _, y| y + counts)).collect()
+}
+
+/// What is said of the signals by their outcomes alone, and of how many it differs.
+fn differing(as_it_is: &BTreeMap<Signal, Said>, raised: &BTreeMap<Signal, Said>) -> f64 {
+    let differ = as_it_is.iter().filter(|(of, said)| raised[of].words != said.words).count();
+    differ as f64 / as_it_is.len() as f64
+}
+
+#[test]
+fn what_stands_off_zero_is_learned_where_it_stands() {
+    let house = House::new();
+    let original = bursts(&sample("print_run.mcap"));
+    house.record("run.mcap", &original);
+    let train = bursts(&sample("train.mcap"));
+    for (name, counts) in
+        [("off_by_40", 40.0), ("off_by_2048", 2048.0), ("off_by_minus_300", -300.0)]
+    {
+        house.record(&format!("{name}.mcap"), &raised(original.clone(), counts));
+        let (as_it_is, off) = (said(&house, "run", ""), said(&house, name, ""));
+        assert!(differing(&as_it_is, &off) < 0.01, "{name}: {}", differing(&as_it_is, &off));
+
+        house.record("train.mcap", &raised(train.clone(), counts));
+        house.run("train train.mcap --labels sample_logs/labels.csv -o d.json").exits(0);
+        let by_design = said(&house, name, "--design d.json --identify windows");
+        let sample = said(&house, "run", "--design sample_logs/design.json --identify windows");
+        assert!(
+            differing(&sample, &by_design) < 0.03,
+            "{name}: {}",
+            differing(&sample, &by_design)
+        );
     }
 }

@@ -158,7 +158,7 @@ impl Distances {
         // rings are fitted to signals corrected to the reference drive and temperature
         let copy = |WaitingSignal { burst, row, .. }: WaitingSignal, y: &mut [f64]| {
             burst.copy_signal(row, y);
-            judge.take_off_extension(burst, row, y);
+            judge.take_off(burst, row, y);
             judge.at_reference(y, judge.drive(burst), judge.warmer(burst));
         };
 

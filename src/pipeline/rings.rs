@@ -115,7 +115,7 @@ impl Rings {
 /// Writes a burst's signal to `y`, per unit drive and at its own temperature, counts.
 pub fn per_drive(judge: &Judge, burst: &Burst, row: usize, y: &mut [f64]) {
     burst.copy_signal(row, y);
-    judge.take_off_extension(burst, row, y);
+    judge.take_off(burst, row, y);
     let scale = 1.0 / judge.drive(burst);
     y.iter_mut().for_each(|y| *y *= scale);
 }

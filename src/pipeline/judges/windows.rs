@@ -188,7 +188,11 @@ impl Waiting {
             Ok(Accepted { model: of_window, reference_v: at_v }) => {
                 let of_window = HealthyModel { valid_from_ns: Some(self.start_ns), ..of_window };
                 // where the design judges, the window has said that its pooled model agrees with the printhead
-                let pooled = || replay.design.as_ref().map(|design| design.pooled.clone());
+                let offset = of_window.offset;
+                let pooled = || {
+                    let design = replay.design.as_ref()?;
+                    Some(HealthyModel { offset, ..design.pooled.clone() })
+                };
                 let by_design = replay.knows_by_design().then(pooled).flatten();
                 *model = Some(Arc::new(by_design.unwrap_or(of_window)));
                 *reference_v = at_v;

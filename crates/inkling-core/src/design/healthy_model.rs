@@ -37,6 +37,9 @@ pub struct HealthyModel {
     /// The part of `expected` beside the ring, N, counts: the mean misfit of healthy signals.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub leftover: Vec<f64>,
+    /// Where signals stand while nothing rings, counts, at any drive; `expected` does not hold it.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub offset: f64,
     /// d y_hat / d temperature, counts/K; absent: not recorded or no significant effect.
     pub temperature_response: Option<Vec<f64>>,
     /// Relative change of damping and of resonance per K; 0: not known.
@@ -59,10 +62,17 @@ pub struct HealthyModel {
     pub median_statistic: f64,
 }
 
+fn is_zero(x: &f64) -> bool {
+    *x == 0.0
+}
+
 impl HealthyModel {
     /// Distances of many signals at once, in f32. `None`: the statistic is of the residual, or a
-    /// number is out of the range of f32.
+    /// number is out of the range of f32. An offset is taken off in f64 alone.
     pub(super) fn lanes(&self) -> Option<LaneSensitivity> {
+        if self.offset != 0.0 {
+            return None;
+        }
         let response = self.temperature_response.as_deref();
         LaneSensitivity::new(self.sensitivity.as_ref()?, &self.expected, response)
     }
@@ -103,7 +113,8 @@ impl HealthyModel {
     /// Writes signal `i` of a set, N, counts.
     pub(super) fn at_reference(&self, set: &SignalSet, i: usize, y: &mut [f64]) {
         let (drive, warmer) = (set.drive[i], self.warmer(set.temperature_c[i]));
-        y.iter_mut().zip(set.signal(i)).for_each(|(y, v)| *y = f64::from(*v) / drive);
+        let at = set.signal(i).iter().map(|v| (f64::from(*v) - self.offset) / drive);
+        y.iter_mut().zip(at).for_each(|(y, v)| *y = v);
         self.warm(-warmer, y);
     }
 
@@ -159,7 +170,7 @@ impl HealthyModel {
         for i in 0..set.len() {
             self.expect(set.drive[i], set.temperature_c[i], &mut deviation);
             for (d, &y) in deviation.iter_mut().zip(set.signal(i)) {
-                *d = f64::from(y) - *d;
+                *d = f64::from(y) - self.offset - *d;
             }
             see(i, &deviation, set.drive[i]);
         }

@@ -155,11 +155,15 @@ impl Judge {
 
     /// `signal`: row `row` of a burst as acquired, N, counts; becomes its deviation.
     pub fn deviate(&self, burst: &Burst, row: usize, expected: &[f64], signal: &mut [f64]) {
-        self.take_off_extension(burst, row, signal);
+        self.take_off(burst, row, signal);
         signal.iter_mut().zip(expected).for_each(|(y, e)| *y -= e);
     }
 
-    pub fn take_off_extension(&self, burst: &Burst, row: usize, signal: &mut [f64]) {
+    /// Takes the offset and what the extension says off a signal as acquired, N, counts.
+    pub fn take_off(&self, burst: &Burst, row: usize, signal: &mut [f64]) {
+        if self.model.offset != 0.0 {
+            signal.iter_mut().for_each(|y| *y -= self.model.offset);
+        }
         if let Some(extension) = &self.extension {
             extension.take_off(burst, row, self.reference_v, signal);
         }

@@ -33,9 +33,22 @@ pub(super) struct Sources<'a> {
 
 impl HealthyModel {
     /// `printhead`: `None` if the signals are of several; `anchor`: passes on what one window cannot
-    /// know (effect of temperature, tail of statistics). An error if the signals are too few, do not
-    /// agree, or give no model that rings.
+    /// know (effect of temperature, tail of statistics). Where the signals as they are give no model, they are
+    /// taken to stand off zero. An error if the signals are too few, do not agree, or give no model that rings.
     pub fn learn(
+        set: &SignalSet,
+        printhead: Option<&str>,
+        anchor: Option<&HealthyModel>,
+        settings: LearnSettings,
+    ) -> Result<HealthyModel> {
+        let as_they_are = HealthyModel::learn_about_zero(set, printhead, anchor, settings);
+        let Err(e) = as_they_are else { return as_they_are };
+        let Some(offset) = averaging::offset(set, settings.sample_period_s) else { return Err(e) };
+        let model = HealthyModel::learn_about_zero(&set.less(offset), printhead, anchor, settings);
+        model.map(|model| HealthyModel { offset, ..model }).map_err(|_| e)
+    }
+
+    fn learn_about_zero(
         set: &SignalSet,
         printhead: Option<&str>,
         anchor: Option<&HealthyModel>,
@@ -79,6 +92,7 @@ impl HealthyModel {
             identification,
             expected,
             leftover: Vec::new(),
+            offset: 0.0,
             temperature_response,
             damping_per_k,
             frequency_per_k,

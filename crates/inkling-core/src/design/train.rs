@@ -25,6 +25,7 @@ use crate::isolate::posterior::Posterior;
 use crate::isolate::stacking::Examples;
 use crate::numbers::LITTLE;
 use nalgebra::Matrix4;
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::sync::{Arc, OnceLock};
 
@@ -80,7 +81,6 @@ impl Design {
 
     /// With warnings: the pooled model judges printheads that have none of their own.
     fn of_healthy(set: &TrainingSet, settings: LearnSettings) -> Result<(Design, Vec<String>)> {
-        let pooled = HealthyModel::learn(&pool(&set.healthy, set.samples), None, None, settings)?;
         let (mut models, mut warnings) = (Vec::new(), Vec::new());
         for (name, healthy) in &set.healthy {
             match HealthyModel::learn(healthy, Some(name), None, settings) {
@@ -91,6 +91,8 @@ impl Design {
             }
         }
 
+        let pooled = pool(&set.healthy, &models, set.samples);
+        let pooled = HealthyModel::learn(&pooled, None, None, settings)?;
         warnings.extend(temperature_unknown(&pooled));
         warnings.extend(pooled.apart.map(|share| {
             format!(
@@ -190,7 +192,7 @@ fn learned_filter(set: &TrainingSet, settings: LearnSettings) -> Result<LearnedF
     };
     let (design, _) = Design::of_healthy(set, first)?;
     let sets = design.with_models(faulty);
-    let healthy = (&design.pooled, &pool(&set.healthy, set.samples));
+    let healthy = (&design.pooled, &pool(&set.healthy, &design.models, set.samples));
     let class = FaultClass::learn(name, fault::category(name), &sets);
     LearnedFilter::learn(healthy, &class, &sets, settings)
 }
@@ -314,10 +316,19 @@ fn in_table_order(classes: &mut [FaultClass]) {
     classes.sort_by(|a, b| place(&a.name).cmp(&place(&b.name)).then(a.name.cmp(&b.name)));
 }
 
-/// In one set; channel numbers are offset by 2^20 times the printhead's index.
-fn pool(healthy: &BTreeMap<String, SignalSet>, samples: usize) -> SignalSet {
+/// In one set, about zero; channel numbers are raised by 2^20 times the printhead's index.
+fn pool(
+    healthy: &BTreeMap<String, SignalSet>,
+    models: &[HealthyModel],
+    samples: usize,
+) -> SignalSet {
     let mut all = SignalSet::new(samples);
-    for (p, set) in healthy.values().enumerate() {
+    for (p, (name, set)) in healthy.iter().enumerate() {
+        let of = models.iter().find(|model| model.printhead.as_deref() == Some(name));
+        let set = match of.map_or(0.0, |model| model.offset) {
+            0.0 => Cow::Borrowed(set),
+            offset => Cow::Owned(set.less(offset)),
+        };
         for i in 0..set.len() {
             let channel = (p as u32).wrapping_mul(1 << 20).wrapping_add(set.channel[i]);
             all.push(set.signal(i), channel, set.drive[i], set.temperature_c[i]);

@@ -9,6 +9,7 @@
 //! * Signals agree whose squared distance from the sample-wise median signal is at most four times
 //!   the median of all squared distances; this is refined once, with the mean of those that agreed.
 
+use super::damped_cosine::damped_cosine;
 use super::{IdentifyError, SignalSet};
 use crate::model::inner_product::dot;
 use crate::model::median::median;
@@ -114,8 +115,20 @@ fn distances(set: &SignalSet, centre: &[f64]) -> Vec<f64> {
 }
 
 fn median_signal(set: &SignalSet) -> Vec<f64> {
+    medians(set, |y, drive| y / drive)
+}
+
+/// Where the signals stand while nothing rings, counts: the constant beside the damped cosine that is nearest to the
+/// median signal. It does not grow with the drive. `None`: nothing rings.
+pub fn offset(set: &SignalSet, dt_s: f64) -> Option<f64> {
+    let found = damped_cosine(&medians(set, |y, _| y), dt_s)?;
+    Some(found.constant).filter(|offset| offset.is_finite())
+}
+
+/// The median over signals of each sample, as `of` makes it of sample and relative drive.
+fn medians(set: &SignalSet, of: impl Fn(f64, f64) -> f64) -> Vec<f64> {
     let column = |k: usize| -> Vec<f64> {
-        (0..set.len()).map(|i| f64::from(set.data[i * set.samples + k]) / set.drive[i]).collect()
+        (0..set.len()).map(|i| of(set.data[i * set.samples + k].into(), set.drive[i])).collect()
     };
     (0..set.samples).map(|k| median(&mut column(k))).collect()
 }

@@ -1,5 +1,5 @@
 //! The damped cosine that is nearest to an average signal: it tells the signal's own time scale.
-//! In: the average (N counts). Out: frequency and misfit of the best damped cosine plus constant.
+//! In: the average (N counts). Out: frequency and misfit of the best damped cosine plus constant, and the constant.
 //! For `grey_box` the frequency sets the scale at which the search of thesis (3-1) starts, and the
 //! misfit is the yardstick that the identified model must at least match. Of the guessed rates only
 //! the ratios then matter, as a prior for what one decay does not determine.
@@ -16,6 +16,8 @@ use nalgebra::{Matrix3, Vector3};
 #[derive(Clone, Copy, Debug)]
 pub struct DampedCosine {
     pub frequency_hz: f64,
+    /// The constant beside it, counts.
+    pub constant: f64,
     /// Counts.
     pub misfit_rms: f64,
 }
@@ -37,7 +39,7 @@ pub fn damped_cosine(y: &[f64], dt_s: f64) -> Option<DampedCosine> {
     let (square, sum) = (dot(y, y), y.iter().sum::<f64>());
     let decays = DAMPINGS.map(|damping| (-damping / n as f64).exp());
 
-    let mut best: Option<(f64, f64)> = None;
+    let mut best: Option<(f64, f64, f64)> = None;
     let mut cycles = FEWEST_CYCLES;
     while cycles < most {
         let (sin, cos) = (std::f64::consts::TAU * cycles / n as f64).sin_cos();
@@ -47,16 +49,18 @@ pub fn damped_cosine(y: &[f64], dt_s: f64) -> Option<DampedCosine> {
             let gram = Matrix3::new(rr, ri, r, ri, ii, i, r, i, n as f64);
             let product = Vector3::new(ry, iy, sum);
             let Some(inverse) = gram.try_inverse() else { continue };
-            let left = square - product.dot(&(inverse * product));
-            if left.is_finite() && best.is_none_or(|(least, _)| left < least) {
-                best = Some((left, cycles));
+            let fitted = inverse * product;
+            let left = square - product.dot(&fitted);
+            if left.is_finite() && best.is_none_or(|(least, ..)| left < least) {
+                best = Some((left, cycles, fitted[2]));
             }
         }
         cycles += step;
     }
-    let (left, cycles) = best?;
+    let (left, cycles, constant) = best?;
     Some(DampedCosine {
         frequency_hz: cycles / (n as f64 * dt_s),
+        constant,
         misfit_rms: (left.max(0.0) / n as f64).sqrt(),
     })
 }

@@ -60,6 +60,12 @@ impl SignalSet {
         chosen
     }
 
+    /// The same signals with `offset`, counts, taken off all samples.
+    pub fn less(&self, offset: f64) -> SignalSet {
+        let data = self.data.iter().map(|y| (f64::from(*y) - offset) as f32).collect();
+        SignalSet { data, ..self.clone() }
+    }
+
     pub fn first(&self, most: usize) -> SignalSet {
         self.select(&(0..self.len().min(most)).collect::<Vec<_>>())
     }
