@@ -153,7 +153,7 @@ fn following_a_longer_recording_holds_no_more() {
             let (control, path) = (Control::default(), house.path("long.mcap"));
             let (dialects, enough) = (Dialects::default(), control.enough.clone());
             let recording = Recording::follow(&path, Limits::default(), &dialects, enough).unwrap();
-            let watch = Watch { episode: &|_| (), note: &|_| (), rows: None };
+            let watch = Watch { episode: &|_| (), rows: None };
             let verdicts = house.path("out/long.verdicts.parquet");
             pipeline::follow(run, &recording, &verdicts, &control, &watch).unwrap();
         });

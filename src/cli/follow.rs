@@ -11,7 +11,7 @@ use super::judge::{Judge, Judged, NotJudged, Run};
 use super::live::Live;
 use super::output;
 use super::progress::{Progress, handle_interrupts};
-use super::report::{printable, printable_path};
+use super::report::printable;
 use crate::pipeline::{self, Control, EpisodeEvent, Watch};
 use crate::report::clock;
 use crate::settings::{Pace, Settings};
@@ -83,14 +83,9 @@ impl Judge for FollowJudge {
             print(tell(label, event, self.json));
             state().for_each(|state| state.take_episode(event));
         };
-        let note = |what: &str| {
-            run.progress.say(&format!("{}: {what}", printable_path(label)));
-            // a note means that the recording is judged again from its beginning
-            state().for_each(|state| state.begin_again());
-        };
         let rows = |of: &Verdicts| state().for_each(|state| state.take_rows(of));
         let rows: Option<&(dyn Fn(&Verdicts) + Sync)> = self.live.is_some().then_some(&rows);
-        let watch = Watch { episode: &episode, note: &note, rows };
+        let watch = Watch { episode: &episode, rows };
 
         // judge until the recording is closed or Ctrl-C says that it is enough (`until_enough`)
         let report = run.progress.during(label, None, run.control, || {

@@ -12,9 +12,10 @@
 //! What crosses a queue is a batch of signals: one block of the recording (a chunk, or about 1 MiB of
 //! messages), or a piece of it. Batches carry their place in the recording, and the writer restores the order,
 //! so any number of threads gives the same bytes. Memory is bounded by what is in flight (`in_flight`) and by
-//! the sweeps that wait (`sweep`). Models of windows are learned in the identify stage while the signals flow
-//! (`learning`, `models`), or, where the file's order is not that of the times, in two passes before
-//! (`two_passes`), with the same result.
+//! the sweeps that wait (`sweep`).
+//!
+//! The identify stage is the only one with a state. It gives each burst its judge: the design's model of the
+//! printhead, or the model of its first healthy window (`judges`), moved to where the head is now (`head`).
 //!
 //! # The files
 //!
@@ -23,7 +24,8 @@
 //!                  finish recording_report metadata (what is left at the end)
 //! stages           stages (six loops)  batches (what crosses queues)  in_flight (bounds, order)
 //!   1 reader       pacer (--pace)
-//!   2 identify     which model: learning window_rules placing progress schedule groups models two_passes
+//!   2 identify     who judges: groups judges (survey sample healthy_window)
+//!                  what times are worth: head_clock
 //!                  where the head is: heads head sweep channel_subset frozen moved_judge
 //!   3 FD filter    statistics  distances  rings (deviations)  own_levels
 //!   5 isolate      isolator  rings (fits)  rows

@@ -7,7 +7,7 @@
 //! of the first batch; at S signals per second, when n / S seconds have passed, n signals being before it.
 //!
 //! A batch is one burst while the reader keeps the pace, and more while it is late, since larger batches cost
-//! less. Each burst is paced once: what is read in a second pass was handed on already.
+//! less.
 
 use super::batches::{MOST_ROWS, usable};
 use super::{Control, Result};
@@ -29,9 +29,8 @@ pub struct Pacer {
     started: Option<Instant>,
     /// The earliest t_a of the first batch, ns.
     first_ns: Option<i64>,
-    /// Number of signals and bursts of this pass so far.
+    /// Number of signals so far.
     signals: u64,
-    bursts: u64,
     /// Least number of rows of the next piece of a block: 1, which one burst has; more while the reader is late.
     pub rows: usize,
     pub kept: PaceReport,
@@ -40,10 +39,6 @@ pub struct Pacer {
 impl Pacer {
     pub fn new(pace: Pace) -> Pacer {
         Pacer { pace, rows: 1, ..Pacer::default() }
-    }
-
-    pub fn begin(&mut self) {
-        (self.signals, self.bursts, self.rows) = (0, 0, 1);
     }
 
     /// When a batch is due, from when the first batch was handed on; counts the batch's signals. `None`: the
@@ -61,14 +56,8 @@ impl Pacer {
     }
 
     pub fn wait_for(&mut self, batch: &SignalBatch, control: &Control) -> Result<()> {
-        self.bursts += batch.acquisitions.len() as u64;
-        let due = self.due(batch);
-        if self.bursts <= self.kept.bursts {
-            return Ok(());
-        }
-
-        self.kept.bursts = self.bursts;
-        let Some(due) = due else { return Ok(()) };
+        self.kept.bursts += batch.acquisitions.len() as u64;
+        let Some(due) = self.due(batch) else { return Ok(()) };
         let started = *self.started.get_or_insert_with(Instant::now);
         let mut is_late = true;
         loop {
@@ -124,12 +113,5 @@ mod tests {
         pacer.wait_for(&batch(50_000_000, 1), &control).unwrap();
         assert_eq!(pacer.rows, 4);
         assert!(pacer.kept.behind >= Duration::from_millis(900));
-        // a second pass from the beginning does not wait for bursts that were handed on in the first
-        pacer.begin();
-        pacer.started = None;
-        for t_ms in [0, 30, 40, 50] {
-            pacer.wait_for(&batch(t_ms * 1_000_000, 1), &control).unwrap();
-        }
-        assert_eq!((pacer.kept.bursts, pacer.started), (4, None));
     }
 }

@@ -25,7 +25,7 @@ pub struct Replay {
     pub design_digest: Option<String>,
     /// Labels that say which signals of windows are healthy; `None`: those that agree are.
     pub labels: Option<Labels>,
-    /// The healthy windows that the settings give, from and to, ns; empty: the pipeline places windows.
+    /// The healthy windows that the settings give, from and to, ns; empty: the first of each printhead.
     pub spans: Vec<(i64, i64)>,
     /// With `--baseline`: what is remembered of heads and channels from the recordings before; `None`: nothing is,
     /// and channels are not judged about levels of their own.
@@ -58,7 +58,7 @@ pub struct Run<'a> {
     pub verdicts: Option<&'a Path>,
     pub control: &'a Control,
     pub watch: Option<&'a Watch<'a>>,
-    /// Decides when bursts are handed on, over several passes through the recording; `None`: at once.
+    /// Decides when bursts are handed on; `None`: at once.
     pub pacer: Option<&'a Mutex<Pacer>>,
 }
 
@@ -66,7 +66,6 @@ pub struct Run<'a> {
 pub struct Watch<'a> {
     /// Called when an episode was raised, or has changed.
     pub episode: &'a (dyn Fn(EpisodeEvent) + Sync),
-    pub note: &'a (dyn Fn(&str) + Sync),
     /// Called with rows when they are written.
     pub rows: Option<&'a (dyn Fn(&Verdicts) + Sync)>,
 }

@@ -12,8 +12,7 @@ use std::time::{Duration, Instant};
 
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct PhaseTiming {
-    /// `open`, `survey` and `windows` (the two passes that learn models), `stages`, `given up` (stages that
-    /// had to begin anew), `wait` (until a recording that is followed was closed), `finish`.
+    /// `open`, `stages`, `finish`.
     pub phase: &'static str,
     pub seconds: f64,
 }

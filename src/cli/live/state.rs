@@ -93,13 +93,6 @@ impl State {
         });
     }
 
-    /// Forgets everything but the version, since the recording is judged again from its beginning.
-    pub fn begin_again(&self) {
-        self.change(|status| {
-            *status = RecordingStatus { version: status.version, ..RecordingStatus::default() }
-        });
-    }
-
     /// Notes that nothing more will come.
     pub fn end(&self) {
         self.change(|status| status.ended = true);
