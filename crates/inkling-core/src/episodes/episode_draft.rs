@@ -30,6 +30,8 @@ pub struct EpisodeDraft {
     pub rings: Option<Rings>,
     pub ring_looks: f64,
     pub resonance: Option<(f32, f32)>,
+    /// Whether one of the signals was a ring.
+    pub has_ring: bool,
     /// The category and class under which the episode was announced last (`Channel::news`).
     pub announced_as: (Option<String>, Option<String>),
     pub reasons: BTreeMap<Reason, u64>,
@@ -52,9 +54,16 @@ impl EpisodeDraft {
     }
 
     pub fn add(&mut self, named: &IsolatedSignal, rules: &Rules) {
-        self.resonance = named.resonance.or(self.resonance);
         named.reason.iter().for_each(|reason| *self.reasons.entry(*reason).or_default() += 1);
-        if let Some(ring) = named.rings {
+        // the ring that is nearest to what is no ring says nothing of the channel, as long as others do
+        let is_ring = named.reason != Some(Reason::NoRing);
+        if is_ring && !self.has_ring {
+            (self.has_ring, self.ring_looks, self.rings) = (true, 0.0, None);
+        }
+        if is_ring || !self.has_ring {
+            self.resonance = named.resonance.or(self.resonance);
+        }
+        if let Some(ring) = named.rings.filter(|_| is_ring || !self.has_ring) {
             self.ring_looks = (self.ring_looks + 1.0).min(10.0);
             let mean = |of: f64, now: f64| of + (1.0 / self.ring_looks) * (now - of);
             let of = self.rings.unwrap_or(ring);
@@ -127,6 +136,34 @@ mod tests {
             look(0.8);
         });
         assert!((look(0.9) - 0.81).abs() < 1e-9, "a tenth of the way");
+    }
+
+    #[test]
+    fn one_signal_that_is_no_ring_changes_nothing_that_is_said_of_the_others() {
+        let rules = rules();
+        let signal = |damping_per_s: f64, reason: Option<Reason>| {
+            let rings = Some(Rings {
+                frequency_hz: 60e3,
+                damping_per_s,
+                healthy_frequency_hz: 60e3,
+                healthy_damping_per_s: 3e4,
+            });
+            let resonance = Some((60e3, damping_per_s as f32));
+            IsolatedSignal { rings, resonance, reason, ..IsolatedSignal::default() }
+        };
+        let odd = signal(9e5, Some(Reason::NoRing));
+        for at in 0..3 {
+            let mut draft = EpisodeDraft::new(&rules);
+            for i in 0..3 {
+                let ring = signal(4e4, None);
+                draft.add(if i == at { &odd } else { &ring }, &rules);
+            }
+            assert_eq!(draft.rings.map(|of| of.damping_per_s), Some(4e4));
+            assert_eq!(draft.resonance, Some((60e3, 4e4)));
+        }
+        let mut draft = EpisodeDraft::new(&rules);
+        draft.add(&odd, &rules);
+        assert_eq!(draft.rings.map(|of| of.damping_per_s), Some(9e5), "nothing else is known");
     }
 
     #[test]
