@@ -153,21 +153,60 @@ fn what_must_not_matter_does_not() {
 
 #[test]
 fn other_printheads_in_the_file_do_not_matter() {
-    let mut draws = ChaCha8Rng::seed_from_u64(642);
+    let all = bursts(&sample("print_run.mcap"));
+    let start = all[0].t_acq_ns;
     for mode in MODES {
         let house = House::new();
-        let all = bursts(&sample("print_run.mcap"));
-        let alone = all.iter().filter(|of| &*of.printhead == "magenta-1").cloned();
-        house.record("alone.mcap", &alone.collect::<Vec<_>>());
-        // one head begins later, and the order of messages within a moment is another
-        let late = all[0].t_acq_ns + draws.random_range(1..30) * 1_000_000_000;
-        let others = all.iter().filter(|of| &*of.printhead != "black-2" || of.t_acq_ns >= late);
-        house.record("others.mcap", &others.rev().cloned().rev().collect::<Vec<_>>());
-        let (alone, others) = (said(&house, "alone", mode), said(&house, "others", mode));
-        let differs =
-            |(of, said): &(&Signal, &Said)| !others.get(*of).is_some_and(|now| now.is_as(said));
-        let first = alone.iter().find(differs);
-        assert!(first.is_none(), "{mode}: {first:?}");
+        // one head prints ten times as fast, so that its window is over before those of the others; another one begins
+        // later, or its clock is a minute ahead
+        for (name, late_s, ahead_s) in [("later", 17, 0), ("ahead", 0, 60)] {
+            let changed = |burst: &Burst| {
+                let since = burst.t_acq_ns - start;
+                let (since, is_there) = match &*burst.printhead {
+                    "magenta-1" => (since / 10, true),
+                    "black-2" => (since + ahead_s * 1_000_000_000, since >= late_s * 1_000_000_000),
+                    _ => (since, true),
+                };
+                is_there.then(|| Burst { t_acq_ns: start + since, ..burst.clone() })
+            };
+            let with_others: Vec<Burst> = all.iter().filter_map(changed).collect();
+            let alone = with_others.iter().filter(|of| &*of.printhead == "magenta-1").cloned();
+            house.record("alone.mcap", &alone.collect::<Vec<_>>());
+            house.record("others.mcap", &with_others);
+            let options = format!("{mode} --set identify.window_signals=300");
+            let (alone, others) =
+                (said(&house, "alone", &options), said(&house, "others", &options));
+            let differs =
+                |(of, said): &(&Signal, &Said)| !others.get(*of).is_some_and(|now| now.is_as(said));
+            let first = alone.iter().find(differs);
+            assert!(first.is_none(), "{name}, {mode}: {first:?}");
+        }
+    }
+}
+
+#[test]
+fn a_stray_takes_nothing_from_the_others() {
+    let all = bursts(&sample("print_run.mcap"));
+    for mode in MODES {
+        let house = House::new();
+        house.record("run.mcap", &all);
+        let as_it_is = said(&house, "run", mode);
+        for (name, at, t_acq_ns) in [
+            ("first", 0, 0),
+            ("early", 7, 0),
+            ("future", 0, 4_102_444_800_000_000_000),
+            ("ahead", 9, i64::MAX),
+        ] {
+            let mut astray = all.clone();
+            astray[at].t_acq_ns = t_acq_ns;
+            house.record(&format!("{name}.mcap"), &astray);
+            let said = said(&house, name, mode);
+            let differ = as_it_is.iter().filter(|(of, as_it_was)| {
+                said.get(*of).is_some_and(|now| now.words != as_it_was.words)
+            });
+            let differ = differ.count() as f64 / as_it_is.len() as f64;
+            assert!(differ < 0.01, "{name}, {mode}: {differ}");
+        }
     }
 }
 

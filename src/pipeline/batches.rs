@@ -19,6 +19,7 @@ use inkling_core::verdict::{Appearance, Reason, Tests, VerdictColumns, Verdicts}
 use inkling_io::block::Block;
 use inkling_io::block_reader::Definitions;
 use inkling_io::damage::Damage;
+use std::collections::HashMap;
 use std::ops::Range;
 use std::sync::{Arc, Mutex};
 
@@ -117,9 +118,9 @@ pub struct JudgedBatch {
     /// The channels' own levels by which bursts were judged: (t_a in ns, the printhead's index in this batch,
     /// levels), once for neighbouring bursts of the same moment and printhead.
     pub own: Vec<(i64, u32, Arc<OwnChannels>)>,
-    /// The bursts that do not stand in the order of time, or begin a new stretch of it: (t_a in ns, the printhead's
-    /// index in this batch, which).
-    pub out_of_order: Vec<(i64, u32, Standing)>,
+    /// The moments that do not stand in the order of time, or begin a new stretch of it, by t_a, ns, and the
+    /// printhead's index in this batch.
+    pub out_of_order: HashMap<(i64, u32), Standing>,
     /// For its flagged rows, ascending, what a row of a table has no room for.
     pub flagged: Vec<FlaggedSignal>,
     pub bursts: u64,
@@ -128,8 +129,10 @@ pub struct JudgedBatch {
 impl JudgedBatch {
     /// Whether the bursts of a moment stand in the order of time. `printhead`: its index in this batch.
     pub fn standing(&self, t_ns: i64, printhead: u32) -> Standing {
-        let found = self.out_of_order.iter().find(|(t, of, _)| (*t, *of) == (t_ns, printhead));
-        found.map_or(Standing::InOrder, |(_, _, standing)| *standing)
+        if self.out_of_order.is_empty() {
+            return Standing::InOrder;
+        }
+        self.out_of_order.get(&(t_ns, printhead)).copied().unwrap_or_default()
     }
 }
 

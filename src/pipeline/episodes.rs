@@ -111,11 +111,16 @@ impl<'a> EpisodeTap<'a> {
             }
         }
 
+        let mut set = None;
         for burst in bursts {
             match judged.standing(burst.at.t_ns, burst.at.printhead) {
                 Standing::Stray => continue,
-                Standing::Set => self.begin_anew(&c.printheads[burst.at.printhead as usize]),
-                Standing::InOrder | Standing::Late => {}
+                // once for all messages of the moment
+                Standing::Set if set != Some((burst.looks.t_ns, burst.at.printhead)) => {
+                    set = Some((burst.looks.t_ns, burst.at.printhead));
+                    self.begin_anew(&c.printheads[burst.at.printhead as usize]);
+                }
+                Standing::Set | Standing::InOrder | Standing::Late => {}
             }
             self.look_at(burst, &c.printheads, &judged.own);
         }

@@ -16,9 +16,9 @@ use crate::report::clock;
 use inkling_io::recording::Recording;
 
 /// A printhead that prints again after a longer pause than this, ns, would be in another recording.
-const JUMP_NS: i64 = 86_400_000_000_000;
+pub const JUMP_NS: i64 = 86_400_000_000_000;
 /// So many moments in a row are no accident.
-const STEADY: u32 = 8;
+pub const STEADY: u32 = 8;
 
 /// What the file says of the order of its bursts.
 #[derive(Clone, Copy, Debug)]
@@ -63,9 +63,9 @@ impl Stretch {
         Stretch { first_ns: t_ns, latest_ns: t_ns, moments: 1, bursts: 1 }
     }
 
-    fn continues_with(&self, t_ns: i64, reorder_ns: i64) -> bool {
+    fn continues_with(&self, t_ns: i64, reorder_ns: i64, jump_ns: i64) -> bool {
         let after = t_ns.saturating_sub(self.latest_ns);
-        (-reorder_ns..=JUMP_NS).contains(&after)
+        (-reorder_ns..=jump_ns).contains(&after)
     }
 
     fn add(&mut self, t_ns: i64) {
@@ -86,6 +86,8 @@ struct Step {
 pub struct HeadClock {
     pub key: GroupKey,
     order: FileOrder,
+    /// Beyond this, ns, a burst is dated apart: [`JUMP_NS`], or more where bursts are known to be further apart.
+    jump_ns: i64,
     bursts: u64,
     /// The bursts of the present stretch, and those that came last and are late or strays.
     stretch: Option<Stretch>,
@@ -103,6 +105,7 @@ impl HeadClock {
         HeadClock {
             key,
             order,
+            jump_ns: JUMP_NS,
             bursts: 0,
             stretch: None,
             aside: None,
@@ -120,7 +123,7 @@ impl HeadClock {
             self.stretch = Some(Stretch::of(t_ns));
             return Standing::InOrder;
         };
-        if stretch.continues_with(t_ns, self.order.reorder_ns) {
+        if stretch.continues_with(t_ns, self.order.reorder_ns, self.jump_ns) {
             stretch.add(t_ns);
             if let Some(aside) = self.aside.take() {
                 self.stray(aside);
@@ -128,13 +131,17 @@ impl HeadClock {
             return Standing::InOrder;
         }
         let since = t_ns.saturating_sub(stretch.latest_ns);
-        let apart = if since.abs() > JUMP_NS { Standing::Stray } else { Standing::Late };
+        let apart = if since.unsigned_abs() > self.jump_ns as u64 {
+            Standing::Stray
+        } else {
+            Standing::Late
+        };
         if self.order.is_shuffled {
             return apart;
         }
 
         let aside = match self.aside.take() {
-            Some(mut aside) if aside.continues_with(t_ns, self.order.reorder_ns) => {
+            Some(mut aside) if aside.continues_with(t_ns, self.order.reorder_ns, i64::MAX) => {
                 aside.add(t_ns);
                 aside
             }
@@ -154,7 +161,7 @@ impl HeadClock {
     /// Counts what is dated apart from `self.stretch`; what is only late is not told.
     fn stray(&mut self, of: Stretch) {
         let since = self.stretch.map_or(0, |here| of.latest_ns.saturating_sub(here.latest_ns));
-        if since.abs() <= JUMP_NS {
+        if since.unsigned_abs() <= self.jump_ns as u64 {
             return;
         }
         self.strays += of.bursts;
@@ -169,6 +176,9 @@ impl HeadClock {
             self.stray(before);
             return;
         }
+        // whoever prints once a week is not astray the next time
+        let forward = aside.first_ns.saturating_sub(before.latest_ns);
+        self.jump_ns = self.jump_ns.max(forward.saturating_mul(2));
         self.steps += 1;
         let step = Step { before_ns: before.latest_ns, after_ns: aside.first_ns };
         let size = |of: &Step| of.after_ns.abs_diff(of.before_ns);

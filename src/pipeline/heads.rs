@@ -72,14 +72,15 @@ impl<'a> Heads<'a> {
 
     /// Lets time go on to a usable burst of any printhead, also of one that nothing judges. Appends to
     /// `given` the bursts whose sweeps are now over, in any order, with what judges them.
-    pub fn hear(&mut self, burst: &Burst, standing: Standing, given: &mut AssignedJudges) {
-        self.judging.clock.hear(burst);
-        // the time of a stray is no time at which anything is over
-        if matches!(standing, Standing::InOrder | Standing::Set)
-            && self.judging.clock.is_due(burst.t_acq_ns)
-        {
-            self.close_overlong(burst.t_acq_ns, given);
-        }
+    pub fn hear(&mut self, group: usize, burst: &Burst, given: &mut AssignedJudges) {
+        self.judging.clock.hear(group, burst);
+        self.close_overlong(given);
+    }
+
+    /// Counts a burst that nobody hears, but that waits behind others.
+    pub fn count(&mut self, samples: u64, given: &mut AssignedJudges) {
+        self.judging.clock.count(samples);
+        self.close_overlong(given);
     }
 
     /// `group`: number of the burst's group; `judge`: the group's.
@@ -110,10 +111,13 @@ impl<'a> Heads<'a> {
         }
     }
 
-    fn close_overlong(&mut self, t_ns: i64, given: &mut AssignedJudges) {
+    fn close_overlong(&mut self, given: &mut AssignedJudges) {
+        if !self.judging.clock.is_due() {
+            return;
+        }
         self.judging.clock.forget();
         for head in self.heads.iter_mut().flatten() {
-            if head.open.as_ref().is_some_and(|open| self.judging.clock.is_over(open.from, t_ns)) {
+            if head.open.as_ref().is_some_and(|open| self.judging.clock.is_over(open)) {
                 head.close(&mut self.judging, given);
             }
             self.judging.clock.opened(&head.open);
@@ -170,6 +174,10 @@ impl Followed {
                 self.head.begin_anew(t_ns);
                 self.looked_ns = None;
             }
+        }
+
+        if self.open.as_ref().is_some_and(|open| open.is_past(t_ns)) {
+            self.close(judging, given);
         }
 
         // 2. so is what comes later than the last sweep in the file, and before a look is due again

@@ -102,7 +102,7 @@ impl<'a> Isolator<'a> {
                     let t_ns = burst.t_acq_ns;
                     let printhead = rows::intern(columns, &burst.printhead);
                     if *standing != Standing::InOrder {
-                        judged.out_of_order.push((t_ns, printhead, *standing));
+                        judged.out_of_order.insert((t_ns, printhead), *standing);
                     }
                     // own levels are the same for all bursts of a moment: they are noted once
                     let last = judged.own.last().map(|(t_ns, printhead, _)| (*t_ns, *printhead));

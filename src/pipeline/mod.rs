@@ -25,7 +25,7 @@
 //! stages           stages (six loops)  batches (what crosses queues)  in_flight (bounds, order)
 //!   1 reader       pacer (--pace)
 //!   2 identify     who judges: groups judges (survey sample healthy_window)
-//!                  what times are worth: head_clock
+//!                  what times are worth: head_clock elapsed
 //!                  where the head is: heads head sweep channel_subset frozen moved_judge
 //!   3 FD filter    statistics  distances  rings (deviations)  own_levels
 //!   5 isolate      isolator  rings (fits)  rows
@@ -41,6 +41,7 @@ pub mod chain;
 mod channel_subset;
 pub mod collect;
 mod distances;
+mod elapsed;
 pub mod episodes;
 mod finish;
 mod frozen;

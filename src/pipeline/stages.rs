@@ -162,6 +162,9 @@ pub fn identify(
     Ok(())
 }
 
+/// Samples that a burst counts for that is not judged, while it waits behind others.
+const OF_UNUSABLE: u64 = 1 << 12;
+
 /// Assigns each burst its judge, checks its time, and follows the printheads where that is asked for.
 pub struct JudgeAssignment<'a> {
     pub groups: Groups,
@@ -183,6 +186,7 @@ impl JudgeAssignment<'_> {
             match acquisition {
                 Acquisition::Unusable(unusable) => {
                     given.push((slot, AssignedJudge::new(Err(unusable.why))));
+                    self.following.iter_mut().for_each(|heads| heads.count(OF_UNUSABLE, given));
                 }
                 Acquisition::Usable(burst) => self.decide_on(slot, burst, read, given)?,
             }
@@ -200,13 +204,14 @@ impl JudgeAssignment<'_> {
         let Some(group) = self.groups.of(burst) else {
             // beyond so many groups nobody learns any more
             given.push((slot, AssignedJudge::new(Err(Reason::NoModel))));
+            self.following.iter_mut().for_each(|heads| heads.count(OF_UNUSABLE, given));
             return Ok(());
         };
         let judge = self.judges.of(group, &self.groups, burst, read)?;
         let standing = self.clock(group, burst).hear(burst.t_acq_ns);
         let slot = Slot { standing, ..slot };
         if let Some(heads) = &mut self.following {
-            heads.hear(burst, standing, given);
+            heads.hear(group, burst, given);
         }
         if let Ok(judge) = &judge {
             self.temperatures.take(judge, burst);

@@ -8,14 +8,15 @@
 //! divide the channels of one moment into messages as it likes. A channel is *heard* when a burst holds it.
 //!
 //! A sweep ends with a moment that holds all channels that were known before the sweep. If no moment does,
-//! it ends before the moment in which one of its channels is heard again; or when a burst of any printhead
-//! comes more than [`MOST_NS`] after its begin; or when more than [`MOST_SAMPLES`] samples of all
+//! it ends before the moment in which one of its channels is heard again; or before a burst that comes more
+//! than [`MOST_NS`] after its begin; or when the recording goes on for as long without it; or when more than [`MOST_SAMPLES`] samples of all
 //! printheads were heard since its begin. None of this depends on how a moment's channels are divided into
 //! messages, unless one moment alone holds more than [`MOST_SAMPLES`]. `heads` also ends a sweep where the
 //! clock was set, and at the end of the recording.
 
 use super::batches::Slot;
 use super::channel_subset::ChannelStretches;
+use super::elapsed::Elapsed;
 use inkling_core::burst::Burst;
 use std::ops::Range;
 
@@ -35,33 +36,46 @@ pub(super) struct SweepClock {
     /// `before`, whatever the order of messages within a moment.
     before: u64,
     now: u64,
-    /// The earliest begin of the open sweeps in time, ns, and their least begin in samples; both may be too
+    /// How long the recording has gone on, whatever its printheads' clocks say.
+    elapsed: Elapsed,
+    /// When the first of the open sweeps was heard last, ns elapsed, and their least begin in samples; both may be too
     /// early, as of sweeps that have ended meanwhile, but never too late. `None`: none is open.
     earliest: Option<(i64, u64)>,
 }
 
 impl SweepClock {
-    /// Counts a burst. Every burst must be counted before a sweep hears it.
-    pub fn hear(&mut self, burst: &Burst) {
+    /// Counts a burst of a group. Every burst must be counted before a sweep hears it.
+    pub fn hear(&mut self, group: usize, burst: &Burst) {
+        self.elapsed.hear(group, burst.t_acq_ns);
         if self.latest_ns != Some(burst.t_acq_ns) {
             self.latest_ns = Some(burst.t_acq_ns);
             self.before = self.before.saturating_add(std::mem::take(&mut self.now));
         }
         let samples = u64::from(burst.samples_per_channel) + OF_SIGNAL;
-        self.now = self.now.saturating_add(u64::from(burst.channels).saturating_mul(samples));
+        self.count(u64::from(burst.channels).saturating_mul(samples));
+    }
+
+    /// Counts samples that are held in memory.
+    pub fn count(&mut self, samples: u64) {
+        self.now = self.now.saturating_add(samples);
         // a moment that holds more than may wait is divided, wherever that happens to be
         if self.now > MOST_SAMPLES {
             self.before = self.before.saturating_add(std::mem::take(&mut self.now));
         }
     }
 
-    /// Whether an open sweep may be over, which [`SweepClock::is_over`] then tells of each; `t_ns`: now.
-    pub fn is_due(&self, t_ns: i64) -> bool {
-        self.earliest.is_some_and(|from| self.is_over(from, t_ns))
+    /// Whether an open sweep may be over, which [`SweepClock::is_over`] then tells of each.
+    pub fn is_due(&self) -> bool {
+        self.earliest.is_some_and(|earliest| self.is_past(earliest))
     }
 
-    pub fn is_over(&self, (from_ns, from_samples): (i64, u64), t_ns: i64) -> bool {
-        t_ns.saturating_sub(from_ns) > MOST_NS
+    /// Whether a sweep was not heard for as long as one may last, or holds up too much.
+    pub fn is_over(&self, sweep: &Sweep) -> bool {
+        self.is_past((sweep.heard_ns, sweep.from_samples))
+    }
+
+    fn is_past(&self, (heard_ns, from_samples): (i64, u64)) -> bool {
+        self.elapsed.now_ns.saturating_sub(heard_ns) > MOST_NS
             || self.before.saturating_sub(from_samples) > MOST_SAMPLES
     }
 
@@ -71,16 +85,19 @@ impl SweepClock {
     }
 
     pub fn opened(&mut self, sweep: &Option<Sweep>) {
-        let Some(Sweep { from, .. }) = sweep else { return };
-        let (from_ns, from_samples) = self.earliest.unwrap_or(*from);
-        self.earliest = Some((from_ns.min(from.0), from_samples.min(from.1)));
+        let Some(Sweep { heard_ns, from_samples, .. }) = sweep else { return };
+        let (earliest, least) = self.earliest.unwrap_or((*heard_ns, *from_samples));
+        self.earliest = Some((earliest.min(*heard_ns), least.min(*from_samples)));
     }
 }
 
 #[derive(Debug)]
 pub(super) struct Sweep {
-    /// Time of its first moment, ns, and [`SweepClock`]'s number of samples before that.
-    pub from: (i64, u64),
+    /// Time of its first moment, ns.
+    from_ns: i64,
+    /// What [`SweepClock`] said when it was heard last, ns elapsed, and at its begin, in samples.
+    heard_ns: i64,
+    from_samples: u64,
     /// Its bursts, in the order in which they came, each with its place among those that wait for a judge.
     bursts: Vec<(Slot, Burst)>,
     /// Slots and moments (ns) of bursts whose channels were all heard already in the same moment: they are
@@ -105,7 +122,9 @@ impl Sweep {
         let mut moment = ChannelStretches::default();
         bursts.iter().for_each(|(_, burst)| moment.add(channels(burst)));
         Sweep {
-            from: (t_ns, clock.before),
+            from_ns: t_ns,
+            heard_ns: clock.elapsed.now_ns,
+            from_samples: clock.before,
             bursts,
             repeated: Vec::new(),
             before: ChannelStretches::default(),
@@ -118,6 +137,7 @@ impl Sweep {
     /// the next sweep: `self` becomes that one, and the sweep that is over is returned.
     pub fn hear(&mut self, slot: Slot, burst: &Burst, clock: &SweepClock) -> Option<Sweep> {
         let (t_ns, of) = (burst.t_acq_ns, channels(burst));
+        self.heard_ns = clock.elapsed.now_ns;
         if t_ns > self.latest_ns {
             std::mem::take(&mut self.moment).0.into_iter().for_each(|of| self.before.add(of));
             self.latest_ns = t_ns;
@@ -144,6 +164,11 @@ impl Sweep {
         let mut next = Sweep::of(bursts, t_ns, clock);
         next.repeated = self.repeated.extract_if(.., |(_, of)| *of == t_ns).collect();
         Some(std::mem::replace(self, next))
+    }
+
+    /// Whether a burst at that time comes too late for it to last on.
+    pub fn is_past(&self, t_ns: i64) -> bool {
+        t_ns.saturating_sub(self.from_ns) > MOST_NS
     }
 
     /// Time of its latest burst, ns; `latest_ns` may be the next sweep's moment already.

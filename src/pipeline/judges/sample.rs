@@ -1,7 +1,7 @@
 //! Reads the signals of a window that were chosen, and puts them into an order that depends on nothing but the
 //! signals: numbers of channels are given anew by what the channels measured.
 //!
-//! In: windows with the times and blocks to read ([`Window`]). Out: for each the usable signals, healthy ones where
+//! In: windows with the times of the bursts to read ([`Window`]). Out: for each the usable signals, healthy ones where
 //! labels say which are ([`read`]), as a [`SignalSet`] ([`Sample::to_set`]).
 
 use super::super::Result;
@@ -12,10 +12,10 @@ use super::survey::Window;
 use super::windows::Ahead;
 use inkling_core::burst::{Beside, Burst};
 use inkling_core::identify::SignalSet;
-use inkling_core::identify::reservoir::relative_drive;
+use inkling_core::identify::reservoir::{drawn_by, relative_drive};
 use inkling_core::verdict::unusable_signal;
 use std::cmp::Ordering;
-use std::collections::{BTreeMap, HashMap, HashSet};
+use std::collections::{BTreeMap, HashMap};
 use std::ops::ControlFlow;
 
 #[derive(Debug)]
@@ -25,6 +25,12 @@ struct Kept {
 }
 
 impl Kept {
+    /// A number that looks random, by time and samples alone.
+    fn drawn(&self) -> u64 {
+        let of = |drawn: u64, y: &f32| drawn_by((drawn ^ u64::from(y.to_bits())) as i64);
+        self.samples.iter().fold(drawn_by(self.beside.t_acq_ns), of)
+    }
+
     /// Compares the samples, one after the other.
     fn by_samples(&self, other: &Kept) -> Ordering {
         let mut pairs = self.samples.iter().zip(&other.samples);
@@ -62,6 +68,12 @@ impl Sample {
                 let samples = signal.iter().map(|&y| y as f32).collect();
                 self.kept.push(Kept { beside, samples });
             }
+        }
+        // a moment may hold any number of bursts, of a recorder whose clock stands
+        if self.kept.len() > 2 * self.most.max(burst.channels as usize) {
+            self.kept.sort_by_cached_key(Kept::drawn);
+            self.kept.dedup_by_key(|of| of.drawn());
+            self.kept.truncate(self.most);
         }
     }
 
@@ -104,14 +116,16 @@ impl Sample {
     }
 }
 
-/// Reads what was chosen of some windows, in their order.
-pub fn read(replay: &Replay, ahead: &Ahead, windows: &[Window]) -> Result<Vec<Sample>> {
+/// Reads what was chosen of some windows, in their order; `last`: index of the last block that may hold some of it.
+pub fn read(replay: &Replay, ahead: &Ahead, last: u64, windows: &[Window]) -> Result<Vec<Sample>> {
     let number: BTreeMap<&GroupKey, usize> = windows.iter().map(|of| &of.key).zip(0..).collect();
     let sample =
         |of: &Window| Sample { samples: of.key.samples as usize, most: of.most, kept: Vec::new() };
     let mut all: Vec<Sample> = windows.iter().map(sample).collect();
-    let blocks: HashSet<u64> = windows.iter().flat_map(|of| &of.blocks).copied().collect();
-    ahead.read(Some(&blocks), |_, burst| {
+    if windows.iter().all(|of| of.chosen.is_empty()) {
+        return Ok(all);
+    }
+    ahead.read(Some(last), |_, burst| {
         let found = number.get(&GroupKey::of(burst));
         if let Some(&n) = found.filter(|&&n| windows[n].chosen.contains(&burst.t_acq_ns)) {
             all[n].take(replay, burst);

@@ -5,9 +5,9 @@
 //!
 //! 1. `survey` finds the groups that begin there, and of their windows the bursts to learn from.
 //! 2. `sample` reads these, a few windows at a time, so that memory is bounded.
-//! 3. `healthy_window` averages and identifies. Of a window that is refused the next one begins as long after its
-//!    end as the group was printing before it, so that windows of a long recording are few. A printhead that the
-//!    design knows has one window: if that is refused, the design judges.
+//! 3. `healthy_window` averages and identifies. After a window that is refused up to [`MOST_WINDOWS`] are tried, each
+//!    as long after the end of the one before as the group was printing before that. A printhead that the design knows
+//!    has one window: if that is refused, the design judges.
 
 use super::super::Result;
 use super::super::batches::{MOST_ROWS, ReadBatch, usable};
@@ -22,7 +22,6 @@ use inkling_core::design::HealthyModel;
 use inkling_core::side_by_side::side_by_side;
 use inkling_io::block::Block;
 use inkling_io::block_reader::Definitions;
-use std::collections::HashSet;
 use std::ops::ControlFlow;
 use std::sync::Arc;
 
@@ -30,6 +29,8 @@ use std::sync::Arc;
 pub const USUAL_REORDER_NS: u64 = 100_000_000;
 /// Longest reorder time, ns. Of a file that is further out of order all blocks are looked at.
 pub const MOST_REORDER_NS: u64 = 2_000_000_000;
+/// So many windows of a group are tried: while its bursts wait for a judge, all others do.
+const MOST_WINDOWS: u32 = 4;
 /// Maximum bytes of signals that are held for the windows of several groups.
 const HELD_BYTES: usize = 64 << 20;
 
@@ -48,43 +49,38 @@ impl<'a> Ahead<'a> {
     /// From the block on that a batch is of.
     pub fn of(pass: Pass<'a>, workers: usize, read: &ReadBatch) -> Ahead<'a> {
         let recording = pass.recording;
-        let known = if recording.is_growing() { Some(0) } else { recording.disorder_ns };
-        let ordered = known.filter(|&disorder| disorder <= MOST_REORDER_NS);
-        let reorder_ns = ordered.map(|disorder| disorder.max(USUAL_REORDER_NS) as i64);
+        // where the file does not say, it is as much out of order as may be
+        let disorder = recording.disorder_ns.unwrap_or(MOST_REORDER_NS);
+        let reorder_ns =
+            (disorder <= MOST_REORDER_NS).then(|| disorder.max(USUAL_REORDER_NS) as i64);
         let (block, definitions) = (read.block, read.definitions.clone());
         Ahead { pass, workers, block, definitions, reorder_ns }
     }
 
-    /// Calls `see` with the index of the block and each usable burst, of all blocks or of those `chosen`, until it
+    /// Calls `see` with the index of the block and each usable burst, of all blocks or up to block `last`, until it
     /// breaks. Of a recording that is being written it waits for more. What is damaged the stages tell.
     pub fn read(
         &self,
-        chosen: Option<&HashSet<u64>>,
+        last: Option<u64>,
         mut see: impl FnMut(u64, &Burst) -> ControlFlow<()>,
     ) -> Result<()> {
         let Pass { recording, control } = self.pass;
-        let last = chosen.map_or(u64::MAX, |of| of.iter().max().copied().unwrap_or(0));
         let mut reader = recording.reader().knowing(self.definitions.as_ref());
         let mut blocks = recording.blocks().after(Some(&self.block));
         let mut next = Some(Ok(self.block));
         while let Some(block) = next {
             control.check()?;
-            // unless the summary names all channels, a block may define those of a later one
-            let is_wanted = |of: &Block| chosen.is_none_or(|chosen| chosen.contains(&of.index));
-            if let Ok(block) = block
-                && (is_wanted(&block) || !recording.channels_known_upfront)
-            {
+            if let Ok(block) = block {
+                if last.is_some_and(|last| block.index > last) {
+                    return Ok(());
+                }
                 reader.load(&block);
                 while let Some(piece) = reader.next_piece(MOST_ROWS) {
-                    let bursts = piece.acquisitions.iter().filter_map(usable);
-                    for burst in bursts.filter(|_| is_wanted(&block)) {
+                    for burst in piece.acquisitions.iter().filter_map(usable) {
                         if see(block.index, burst).is_break() {
                             return Ok(());
                         }
                     }
-                }
-                if block.index >= last {
-                    return Ok(());
                 }
             }
             next = control.next_block(recording, &mut blocks)?;
@@ -141,18 +137,19 @@ pub fn learn(
 
         let (windows, groups): (Vec<_>, Vec<_>) = going_on.into_iter().unzip();
         let mut windows: Vec<Window> = windows.into_iter().flatten().collect();
-        survey::choose(replay, ahead, &mut windows)?;
-        let (learned, again) = learn_from(replay, ahead, windows, groups)?;
+        let last = survey::choose(replay, ahead, &mut windows)?;
+        let (learned, again) = learn_from(replay, ahead, last, windows, groups)?;
         done.extend(learned);
         waiting = again;
     }
     Ok(done)
 }
 
-/// Learns from one window of each group. Returns the groups that have a model, or no further window, and the others.
+/// Learns from one window of each group. `last`: index of the last block that holds some of it. Returns the groups that have a model, or no further window, and the others.
 fn learn_from(
     replay: &Replay,
     ahead: &Ahead,
+    last: u64,
     windows: Vec<Window>,
     groups: Vec<Waiting>,
 ) -> Result<(Vec<Learned>, Vec<Waiting>)> {
@@ -161,7 +158,7 @@ fn learn_from(
     let (mut done, mut again) = (Vec::new(), Vec::new());
     let mut groups = groups.into_iter();
     for few in windows.chunks(at_a_time.max(1)) {
-        let samples = sample::read(replay, ahead, few)?;
+        let samples = sample::read(replay, ahead, last, few)?;
         let work: Vec<_> = few.iter().zip(samples).zip(groups.by_ref()).collect();
         let learned = side_by_side(ahead.workers, work, |((window, sample), mut of)| {
             of.take(replay, window, &sample);
@@ -180,7 +177,7 @@ fn learn_from(
 impl Waiting {
     fn take(&mut self, replay: &Replay, window: &Window, sample: &sample::Sample) {
         self.windows += 1;
-        if window.chosen.is_empty() && replay.spans.is_empty() {
+        if window.chosen.is_empty() && replay.spans.is_empty() && replay.labels.is_none() {
             return; // nothing was printed then
         }
         let Learned { key, model, reference_v, refusals } = &mut self.learned;
@@ -216,12 +213,12 @@ impl Replay {
             .design
             .as_ref()
             .is_some_and(|design| design.model_of(&of.learned.key.printhead).is_some());
-        if is_known && of.windows > 0 {
+        if of.windows >= if is_known { 1 } else { MOST_WINDOWS } {
             return None;
         }
         // the first window begins with the first burst, and each further one twice as late as the one before ended
         let first_ns = (self.settings.identify.first * 1e9) as i64;
-        let before = 1_i64.checked_shl(of.windows).filter(|&n| n > 0)? - 1;
+        let before = (1_i64 << of.windows) - 1;
         let from_ns = of.start_ns.checked_add(first_ns.checked_mul(before)?)?;
         Some([from_ns, from_ns.saturating_add(first_ns)])
     }
