@@ -7,6 +7,7 @@ use crate::recipes::{on_day, results, some};
 use crate::recorded::sample;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
+use std::collections::BTreeMap;
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
@@ -76,25 +77,48 @@ fn killed_anywhere_and_resumed_is_the_same_as_undisturbed() {
     println!("{states} states, {resumed_in_the_middle} of {KILLS} kills between two recordings");
 }
 
-/// A state that learned from the third without the second could never judge the second as an undisturbed run does.
-#[test]
-fn a_state_does_not_pass_over_a_recording_whose_tables_cannot_be_written() {
+/// Three nights, and what they leave.
+fn nights() -> (House, impl Fn(&House) -> (BTreeMap<String, Vec<u8>>, Vec<u8>)) {
     let house = House::new();
     for i in 0..3 {
         house.record(&format!("rec/{i}/a.mcap"), &on_day(i, 10));
     }
+    (house, |house: &House| (results(house), house.read("own.json")))
+}
+
+/// A state that learned from the third without the second could never judge the second as an undisturbed run does.
+#[test]
+fn a_state_waits_a_night_for_a_recording_whose_tables_cannot_be_written_and_judges_the_others() {
+    let (house, left) = nights();
     const ARGS: &str = "rec --baseline own.json";
     house.replay(ARGS).exits(0);
-    let undisturbed = (results(&house), house.read("own.json"));
+    let undisturbed = left(&house);
     house.remove("out");
     house.remove("own.json");
     house.write("out/1", "a file where a directory is to be");
-    house.replay(ARGS).exits(1).says("recordings after it are not judged");
-    let run = house.read_json("out/run.json");
-    assert_eq!((&run["end"], &run["totals"]["not_reached"]), (&"broken".into(), &1.into()));
+    house.replay(ARGS).exits(3).says("2 judged, 1 failed").says("by the next run, after 1/a.mcap");
     house.remove("out/1");
     house.replay(ARGS).exits(0).says("2 judged, 1 skipped");
-    assert!((results(&house), house.read("own.json")) == undisturbed);
+    assert!(left(&house) == undisturbed);
+}
+
+#[test]
+fn a_state_passes_over_a_recording_that_fails_again_and_goes_on() {
+    let (house, left) = nights();
+    const ARGS: &str = "rec --baseline own.json";
+    house.write("out/1", "a file where a directory is to be");
+    house.replay(ARGS).exits(3);
+    house.replay(ARGS).exits(3).says("1 judged, 1 skipped");
+    let two = left(&house);
+    house.record("rec/3/a.mcap", &on_day(3, 10));
+    house.replay(ARGS).exits(3).says("1 judged, 2 skipped");
+    assert!(left(&house).1 != two.1, "the fourth night taught something");
+    // when it can be judged at last, it has no place any more, and nothing else changes
+    let three = left(&house);
+    house.remove("out/1");
+    house.replay(ARGS).exits(0).says("1 judged, 3 skipped").says("taught it nothing");
+    assert!(left(&house).1 == three.1);
+    house.replay(ARGS).exits(0).says("0 judged, 4 skipped");
 }
 
 #[test]

@@ -9,6 +9,7 @@ mod recorded; // bursts, recordings and tables: read, written, changed
 mod cli; // process boundary: exit codes, hints in messages
 mod contracts; // pipeline.toml = defaults, schemas = code, sample_logs regenerate and retrain
 mod dialects; // recordings of others: any encoding, tables; paths that lead nowhere; hostile schemas
+mod failing_calls; // every call of the system fails in turn: the next run makes what an undisturbed one makes
 mod floors; // imports go down only
 mod follow; // recordings that are being written: told as they grow, tables as of a replay
 mod hidden; // recordings with hidden effects give nothing away
@@ -29,6 +30,7 @@ mod readme; // every command of README and book as printed; their links and path
 mod relations; // dates, numbers, directions, names and other heads change nothing
 mod report; // sixty recordings are six lines with their onsets
 mod several; // faults at once, and faults that grow
+mod stops; // the first request to end ends every verb
 mod tables; // tables as others read them: rings in every mode
 mod thesis_tables; // the thesis's methods by settings; its chapter 4 on own recordings
 mod transcripts; // what commands say and leave, session by session, as text in golden/

@@ -121,7 +121,7 @@ impl Judge for Fleet {
     fn judge(&mut self, run: &Run, at: usize, item: &Job) -> Result<Judged, NotJudged> {
         if !is_text(item) {
             let why = format!("{}: its name is no UTF-8, which a job cannot hold", item.label());
-            return Err(NotJudged::Failed { why, usage: false });
+            return Err(NotJudged::Failed { why, usage: false, by_content: false });
         }
         let Some(begun) = &mut self.begun else {
             return Err(NotJudged::Broken("the fleet was not asked".into()));
@@ -141,7 +141,7 @@ impl Judge for Fleet {
         row.name(begun.run.out()).map_err(unreadable)?;
         if !row.stands(begun.run.out()) {
             let why = format!("{}: its results are not what {} wrote", item.source.path, row.by);
-            return Err(NotJudged::Failed { why, usage: false });
+            return Err(NotJudged::Failed { why, usage: false, by_content: false });
         }
 
         // a failure names the recording by its absolute path, as the executor knows it
@@ -202,9 +202,9 @@ fn is_text(item: &Job) -> bool {
 /// A failure with the recording's name as the user gave it, as one machine would say it.
 fn as_named(why: NotJudged, item: &Job) -> NotJudged {
     match why {
-        NotJudged::Failed { why, usage } => {
+        NotJudged::Failed { why, usage, by_content } => {
             let name = item.input.path.display().to_string();
-            NotJudged::Failed { why: why.replace(&item.source.path, &name), usage }
+            NotJudged::Failed { why: why.replace(&item.source.path, &name), usage, by_content }
         }
         other => other,
     }

@@ -82,7 +82,9 @@ impl Worker {
                 Err(_) => format!("{at} failed"),
             });
             // the next recording of the chain begins with what this one has taught
-            if let Ok(Judged { baselines: Some(next), .. }) = row.ended {
+            if let Ok(Judged { baselines: Some(next), .. }) = row.ended
+                && item.teaches
+            {
                 baselines = Some(next);
             }
         }
@@ -144,7 +146,7 @@ impl Worker {
     ) -> Result<Row, String> {
         let attempt = self.attempts.fetch_add(1, Ordering::Relaxed);
         let staged = run.staging(at, &format!("{}-{attempt}", self.name), item);
-        let failed = |why: String| Err(NotJudged::Failed { why, usage: false });
+        let failed = |why: String| Err(NotJudged::Failed { why, usage: false, by_content: false });
         let begun = run.begin(at).map_err(|e| self.words(run, e))?;
         let ended = match self.allowed(run, item) {
             Err(why) => failed(why),

@@ -33,7 +33,8 @@ pub struct Row {
     /// Path of the recording, relative to what the user named.
     pub recording: String,
     pub outcome: Outcome,
-    /// Whether an earlier run finished the recording, and this run left it as it is.
+    /// Whether an earlier run finished the recording, or found that nothing is to be done with its content, and
+    /// this run left it as it is.
     pub skipped: bool,
     /// Why the recording was judged, failed or was not looked at, or what of it is damaged.
     pub why: String,
@@ -61,7 +62,7 @@ impl Row {
         Row {
             recording: job.label(),
             outcome: entry.outcome,
-            skipped: is_judged && !job.is_to_be_judged(),
+            skipped: (is_judged || entry.by_content) && !job.is_to_be_judged(),
             why: printable::line(&why, MOST_OF_A_REASON),
             verdicts: results.map(|results| results.verdicts.clone()),
             judged_at: is_judged.then(|| entry.at.clone()),
@@ -207,7 +208,7 @@ impl Account {
     /// without any verdicts, new or of earlier runs, has failed.
     pub fn exit(&self) -> Exit {
         let is_news = |outcome| self.news().any(|row| row.outcome == outcome);
-        if !self.rows.iter().any(|row| row.skipped || row.outcome.is_judged()) {
+        if !self.rows.iter().any(|row| row.outcome.is_judged()) {
             Exit::Failed
         } else if is_news(Outcome::NotJudged) {
             Exit::NotJudged
@@ -218,10 +219,15 @@ impl Account {
         }
     }
 
+    /// Whether a row counts for the exit status: not where an earlier run told it, but with `--strict`.
+    pub fn is_news(&self, row: &Row) -> bool {
+        self.strict || !row.skipped
+    }
+
     /// The rows that count for the exit status: those of recordings that were not skipped, or all with
     /// `--strict`.
     fn news(&self) -> impl Iterator<Item = &Row> {
-        self.rows.iter().filter(|row| self.strict || !row.skipped)
+        self.rows.iter().filter(|row| self.is_news(row))
     }
 
     /// Writes `run.json` into the directory `out`. `by`: the means of judging; `end`, `exit`: how

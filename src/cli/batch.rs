@@ -1,5 +1,5 @@
 //! Takes the recordings of a run in their order: each one is skipped, refused or judged. A recording that fails
-//! does not stop the others, unless nothing more can be written, or the state of `--baseline` cannot pass over it.
+//! does not stop the others, unless nothing more can be written.
 //!
 //! In: the planned recordings (`plan`) and a `Judge`, from `replay`. Out: the exit status. What becomes true on
 //! disk, and in which order, is the `ledger`'s; what people are told is the `teller`'s.
@@ -56,7 +56,7 @@ impl Batch<'_> {
         for job in jobs {
             match &job.decision {
                 Decision::Finished { entry, moved } => self.skip(job, entry, *moved)?,
-                Decision::Refuse(why) => self.fail(job, why, Failure::new(why))?,
+                Decision::Refuse(why) => self.fail(job, why, false, Failure::new(why))?,
                 Decision::Judge(_) => {
                     std::mem::replace(&mut begun, Ok(()))?;
                     self.judge(job, nth)?;
@@ -67,28 +67,27 @@ impl Batch<'_> {
         Ok(())
     }
 
-    /// Leaves a finished recording as it is. `moved`: what the journal says of its place is out of date.
+    /// Leaves a recording as it is with which an earlier run was done. `moved`: what the journal says of its place is out of date.
     fn skip(&mut self, job: &Job, entry: &Entry, moved: bool) -> Result<(), Stop> {
         if moved {
             self.ledger.note_moved(job, entry)?;
         }
         self.teller.entered(job, entry)?;
-        self.teller.annotate(job)
+        if entry.outcome.is_judged() { self.teller.annotate(job) } else { Ok(()) }
     }
 
     /// Judges one recording, and keeps what came of it. `nth`: index among the recordings that are to be judged.
     fn judge(&mut self, job: &Job, nth: usize) -> Result<(), Stop> {
         match self.judge.judge(&self.run, nth, job) {
             Ok(judged) => self.keep(job, judged),
-            Err(NotJudged::Failed { why, usage }) => {
+            Err(NotJudged::Failed { why, usage, by_content }) => {
                 // what earlier runs wrote of it no longer belongs to what the journal says
                 self.set_aside(job);
-                let failure = if usage { Failure::usage(&why) } else { Failure::new(&why) };
-                self.fail(job, &why, failure)?;
-                match self.ledger.ends_with(job) {
-                    true => Err(Failure::new(out_of_turn(&why)).into()),
-                    false => Ok(()),
+                if !by_content {
+                    self.ledger.wait_for(job);
                 }
+                let failure = if usage { Failure::usage(&why) } else { Failure::new(&why) };
+                self.fail(job, &why, by_content, failure)
             }
             Err(NotJudged::NoRoom(what)) => Err(Stop::no_room(&what, self.run.out)),
             Err(NotJudged::Broken(what)) => Err(Failure::new(what).into()),
@@ -110,9 +109,15 @@ impl Batch<'_> {
     }
 
     /// Notes a recording that failed or is refused. If it is the only one of the run, the run fails with it.
-    fn fail(&mut self, job: &Job, why: &str, failure: Failure) -> Result<(), Stop> {
+    fn fail(
+        &mut self,
+        job: &Job,
+        why: &str,
+        by_content: bool,
+        failure: Failure,
+    ) -> Result<(), Stop> {
         let why = printable::line(why, MOST_OF_AN_ERROR);
-        let entry = self.ledger.note_failure(job, &why)?;
+        let entry = self.ledger.note_failure(job, &why, by_content)?;
         self.teller.entered(job, &entry)?;
         if self.teller.is_alone {
             return Err(Stop { end: End::Finished, failure });
@@ -124,13 +129,4 @@ impl Batch<'_> {
     fn set_aside(&self, job: &Job) {
         self.ledger.set_aside(job).iter().for_each(|stays| self.teller.fail(stays));
     }
-}
-
-/// The failure of a run with `--baseline` whose next recording cannot be judged.
-fn out_of_turn(why: &str) -> String {
-    let why = printable::line(why, MOST_OF_AN_ERROR);
-    format!(
-        "{why}; the recordings after it are not judged, since the state of --baseline follows the recordings in \
-         their order. Mend that, or take the recording away, and run the same command again: it goes on here"
-    )
 }

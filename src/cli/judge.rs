@@ -104,6 +104,8 @@ pub enum NotJudged {
         why: String,
         /// Whether wrong usage or settings are the cause.
         usage: bool,
+        /// Whether what is in the recording is the cause.
+        by_content: bool,
     },
     /// The judge failed, so that neither this nor any other recording can be judged.
     Broken(String),
@@ -115,8 +117,8 @@ impl From<PipelineError> for NotJudged {
             PipelineError::Interrupted => NotJudged::Interrupted,
             e if no_room(&e) => NotJudged::NoRoom(e.to_string()),
             e => {
-                let why = in_words(&e);
-                NotJudged::Failed { why, usage: Failure::from(e).is_usage() }
+                let (why, by_content) = (in_words(&e), e.is_of_content());
+                NotJudged::Failed { why, usage: Failure::from(e).is_usage(), by_content }
             }
         }
     }

@@ -15,9 +15,9 @@
 //! 4. The new state replaces the old one. Where it does not, the old one is there, and the line names it as the
 //!    state before: from there the next run judges this recording once more (`pipeline/chain.rs`).
 //!
-//! A state can only follow the recordings in their order. So one that fails in its turn ends a run with
-//! `--baseline` ([`Ledger::ends_with`]): what came after it would have been learned without it, and no state of
-//! its time would be left to judge it by.
+//! A state can only follow the recordings in their order. So where one fails in its turn that may not fail the
+//! next time, the state learns no more in this run ([`Ledger::wait_for`]): those after it are judged by the state
+//! as it is, and once more by the next run, after this one. If it fails then, too, the state passes over it.
 //!
 //! Results that are out of date, because the recording changed or failed, are renamed to `<file>.stale`, so that
 //! nobody takes them for current; the next success removes them.
@@ -26,9 +26,12 @@ use super::account::End;
 use super::exit::{Failure, no_room};
 use super::judge::Judged;
 use crate::pipeline::resume;
-use inkling_io::baseline_file::BaselineFile;
+use inkling_io::baseline_file::{BaselineFile, Prepared};
+use inkling_io::file_error::FileError;
 use inkling_io::job::Job;
-use inkling_io::journal::{self, Entry, JournalWriter, Link, Means, Outcome, Source};
+use inkling_io::journal::{
+    self, CountedMessage, Entry, JournalWriter, Link, Means, Outcome, Source,
+};
 use inkling_io::{annotation_writer, stored};
 use std::error::Error;
 use std::path::{Path, PathBuf};
@@ -40,7 +43,14 @@ pub struct Ledger<'a> {
     pub journal: JournalWriter,
     /// The file of `--baseline`; `None`: no state is kept.
     pub state: Option<BaselineFile>,
+    /// The recording that failed in its turn, because of which the state learns no more in this run.
+    pub waits_for: Option<String>,
 }
+
+/// What is told of recordings that the state does not learn from.
+const NO_PLACE: &str = "it was judged by the state of --baseline as that is now, and taught it nothing: the state \
+    has learned from it, or from later recordings, before. Remove the file of the state to have all judged again in \
+    their order";
 
 /// Why the run ends early, or how the single recording of a run of one failed.
 #[derive(Debug)]
@@ -81,21 +91,17 @@ impl Ledger<'_> {
         judged.entry.at = journal::now();
 
         // 2. the new state, beside the old one
-        let mut prepared = None;
-        if let (Some(file), Some(learned)) = (&self.state, &judged.baselines) {
-            let next =
-                file.prepare(learned).map_err(|e| Stop::unwritten(&e, &e.to_string(), self.out))?;
-            judged.entry.baseline =
-                Some(Link { before: file.digest(), after: Some(next.digest()) });
-            prepared = Some(next);
-        }
+        let prepared = self.prepare(job, judged)?;
 
         // what was set aside, and annotations of earlier verdicts: mostly there are none
         let verdicts = job.verdicts_in(self.out);
         for file in results_of(&verdicts) {
             let _ = stored::remove(&stale(&file));
         }
-        let _ = stored::remove(&annotation_writer::path_beside(&verdicts));
+        let annotations = annotation_writer::path_beside(&verdicts);
+        stored::remove(&annotations)
+            .map_err(FileError::unwritten(&annotations))
+            .map_err(|e| Stop::unwritten(&e, &e.to_string(), self.out))?;
 
         // 3. the line makes it finished
         self.append(&judged.entry)?;
@@ -107,6 +113,34 @@ impl Ledger<'_> {
         })
     }
 
+    /// Writes the new state beside the old one, if the state is to learn from the recording; its entry says by
+    /// which state it was judged.
+    fn prepare(&self, job: &Job, judged: &mut Judged) -> Result<Option<Prepared>, Stop> {
+        let (Some(file), Some(learned)) = (&self.state, judged.baselines.take()) else {
+            return Ok(None);
+        };
+        let told = |what: String| CountedMessage { what, times: 1 };
+        if let Some(failed) = &self.waits_for {
+            // without a link the next run judges it again
+            judged.entry.warnings.push(told(format!(
+                "it was judged by the state of --baseline as that is now, and will be judged again in its turn by the \
+                 next run, after {failed}"
+            )));
+            return Ok(None);
+        }
+        if !job.teaches {
+            judged.entry.warnings.push(told(NO_PLACE.into()));
+            let now = Link { before: file.digest(), after: file.digest() };
+            judged.entry.baseline = Some(job.link.clone().unwrap_or(now));
+            return Ok(None);
+        }
+        let next =
+            file.prepare(&learned).map_err(|e| Stop::unwritten(&e, &e.to_string(), self.out))?;
+        judged.entry.baseline = Some(Link { before: file.digest(), after: Some(next.digest()) });
+        judged.baselines = Some(learned);
+        Ok(Some(next))
+    }
+
     /// Notes that a finished recording lies under another path, or has another time of change.
     pub fn note_moved(&mut self, job: &Job, entry: &Entry) -> Result<(), Stop> {
         let digest = entry.recording.digest.clone();
@@ -114,18 +148,26 @@ impl Ledger<'_> {
         self.append(&Entry { recording, ..entry.clone() })
     }
 
-    /// Notes a recording that failed or is refused.
-    pub fn note_failure(&mut self, job: &Job, error: &str) -> Result<Entry, Stop> {
+    /// Notes a recording that failed or is refused. `by_content`: because of what is in it.
+    pub fn note_failure(
+        &mut self,
+        job: &Job,
+        error: &str,
+        by_content: bool,
+    ) -> Result<Entry, Stop> {
         let entry = job.without_verdicts(self.means, Outcome::Failed, error);
+        let entry = Entry { by_content, ..entry };
         self.append(&entry)?;
         Ok(entry)
     }
 
-    /// Whether a recording that failed ends the run: with `--baseline`, if it has its place in the order of the
-    /// state. One that has meanwhile been removed will not be judged later, and stops nothing.
-    pub fn ends_with(&self, failed: &Job) -> bool {
-        let has_a_place = failed.source.starts_at_ns.is_some();
-        self.state.is_some() && has_a_place && stored::exists(&failed.input.path)
+    /// The state learns no more in this run, as a recording failed whose turn it was. One that failed before, or
+    /// has meanwhile been removed, is not waited for.
+    pub fn wait_for(&mut self, failed: &Job) {
+        let may_succeed = !failed.failed_before() && stored::exists(&failed.input.path);
+        if self.state.is_some() && failed.teaches && may_succeed {
+            self.waits_for.get_or_insert(failed.label());
+        }
     }
 
     /// Renames a recording's files to `<file>.stale`; returns a sentence about each that stays. The summary, which

@@ -12,8 +12,9 @@ use super::account::{MOST_RUN_BYTES, RUN_NAME};
 use crate::report::LostRecording;
 use inkling_io::inputs::Input;
 use inkling_io::journal::{Entry, JOURNAL_NAME, Journal, Outcome};
+use inkling_io::regular_file::{self, if_there};
 use inkling_io::run_lock::{self, ToJudge, Unfinished};
-use inkling_io::{regular_file, stored};
+use inkling_io::stored;
 use serde_json::{Value, json};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -84,9 +85,12 @@ const MOST_LEVELS: usize = 8;
 
 /// Recordings that the last run did not reach, as its account says.
 fn not_reached(out: &Path) -> Vec<LostRecording> {
-    let account = regular_file::read(&out.join(RUN_NAME), MOST_RUN_BYTES);
-    let account: Value =
-        account.ok().and_then(|text| serde_json::from_slice(&text).ok()).unwrap_or_default();
+    let account = if_there(regular_file::read(&out.join(RUN_NAME), MOST_RUN_BYTES));
+    let account = match account {
+        Ok(account) => account.unwrap_or_default(),
+        Err(e) => return vec![unread(RUN_NAME, &e)],
+    };
+    let account: Value = serde_json::from_slice(&account).unwrap_or_default();
     let rows = account["recordings"].as_array().into_iter().flatten();
     let rows = rows.filter(|row| row["outcome"] == json!(Outcome::NotReached));
     let lost = rows.filter_map(|row| {
@@ -95,6 +99,14 @@ fn not_reached(out: &Path) -> Vec<LostRecording> {
         Some(LostRecording { name, why: format!("not reached: {why}") })
     });
     lost.collect()
+}
+
+/// In the place of the recordings of which a file would have told.
+fn unread(file: &str, e: &std::io::Error) -> LostRecording {
+    LostRecording {
+        name: file.into(),
+        why: format!("cannot be read ({e}): what else was lost is not known"),
+    }
 }
 
 /// Recordings that an unfinished run was to judge and has not judged yet.
@@ -117,7 +129,10 @@ fn under_way(out: &Path) -> Vec<LostRecording> {
 
 /// Recordings that failed, still exist, and would have their tables at a place that `is_asked_for` accepts.
 fn failed(out: &Path, is_asked_for: impl Fn(&Path) -> bool) -> Vec<LostRecording> {
-    let Ok(journal) = Journal::read(out) else { return Vec::new() };
+    let journal = match Journal::read(out) {
+        Ok(journal) => journal,
+        Err(e) => return vec![unread(JOURNAL_NAME, &e)],
+    };
     let is_asked_for = |entry: &&Entry| {
         let place = entry.results.as_ref().map(|results| out.join(&results.verdicts));
         is_asked_for(place.as_deref().unwrap_or(out))

@@ -63,7 +63,9 @@ use crate::settings::removed_option;
 use clap::error::{ContextKind, ContextValue, ErrorKind};
 use clap::{Arg, Command, CommandFactory, Parser, Subcommand};
 use exit::{Exit, Failure};
+use progress::COMPLAINED;
 use std::ffi::OsString;
+use std::sync::atomic::Ordering;
 
 // The `///` of `Cli` and `Verb` are help texts, and no comments.
 #[derive(Debug, Parser)]
@@ -131,6 +133,10 @@ pub fn run(args: impl IntoIterator<Item = OsString>) -> Exit {
 impl Verb {
     /// Runs the verb with its options.
     fn run(self) -> Result<Exit, Failure> {
+        // the others look at a control
+        if matches!(self, Verb::Convert(_) | Verb::Score(_) | Verb::Thesis(_) | Verb::Generate(_)) {
+            progress::end_when_asked();
+        }
         match self {
             Verb::Replay(args) => replay::run(args),
             Verb::Train(args) => train::run(args),
@@ -197,6 +203,14 @@ pub fn run_verb(quiet: bool, verb: impl FnOnce() -> Result<Exit, Failure>) -> Ex
     }
     exit::outlive_file_size_limits();
     match verb() {
+        Ok(exit @ (Exit::Incomplete | Exit::NotJudged))
+            if quiet && !COMPLAINED.load(Ordering::Relaxed) =>
+        {
+            progress::complain(
+                "inkling: some of the input was damaged or could not be used; without --quiet the output says what",
+            );
+            exit
+        }
         Ok(exit) => exit,
         // the reader of the output has gone away, which is no failure
         Err(Failure { exit: Exit::Done, .. }) => Exit::Done,

@@ -12,9 +12,10 @@ use super::exit::{Exit, Failure};
 use super::output;
 use super::progress::{Progress, thousands};
 use super::report::printable_path;
+use crate::pipeline::chain::{self, GoOn};
 use crate::pipeline::resume::{self, Resume};
 use crate::pipeline::visit::Pass;
-use crate::pipeline::{Control, PipelineError, chain};
+use crate::pipeline::{Control, PipelineError};
 use crate::settings::Settings;
 use inkling_io::dialect::Dialects;
 use inkling_io::inputs::{Input, InputsError};
@@ -22,7 +23,7 @@ use inkling_io::job::{Decision, Job, JudgeReason};
 use inkling_io::journal::{Journal, Link, Outcome};
 use inkling_io::layout::{self, Layout};
 use inkling_io::recording::Recording;
-use inkling_io::{Limits, digest, part_file, stored};
+use inkling_io::{Limits, digest, part_file, stored, when};
 use serde_json::json;
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::{self, Write};
@@ -30,7 +31,7 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
 
 /// Gives each recording a place for its results. With a layout by day the recording's day (UTC, of
-/// its first burst) is taken from the journal if the file has not changed, which saves opening the
+/// its begin) is taken from the journal if the file has not changed, which saves opening the
 /// file.
 pub fn place(
     inputs: Vec<Input>,
@@ -123,68 +124,72 @@ impl Planner<'_> {
         known.baseline.clone().filter(|_| known.recording.path == job.source.path)
     }
 
-    /// Orders the recordings by the times of their first bursts, since each is judged by the
-    /// baselines that the recordings before it left. If one is to be judged again, all recordings
-    /// after it are, too. Recordings that are refused or cannot be read come last. `baselines`:
-    /// digest of the baseline file; `None`: there is none yet.
-    ///
-    /// # Errors
-    /// No state of the baselines is left from which the first recording could be judged
-    /// again as it was.
+    /// Orders the recordings by when they begin, since each is judged by the baselines that the recordings before
+    /// it left. If one is to be judged again and the baselines of its turn are there, all recordings after it are,
+    /// too; if they are not, it teaches nothing. What is refused, cannot be read or has no time comes last, and
+    /// teaches nothing either. `baselines`: digest of the baseline file; `None`: there is none yet. Also gives
+    /// the recording, if any, whose place is not known tonight.
     pub fn chain(
         &self,
         mut jobs: Vec<Job>,
         baselines: &Option<String>,
-    ) -> Result<Vec<Job>, Failure> {
+    ) -> Result<(Vec<Job>, Option<String>), Failure> {
         // 1. when each begins: the journal knows it of finished recordings, the others are opened
+        let mut unread = None;
         for job in &mut jobs {
             job.source.starts_at_ns = match &job.decision {
                 Decision::Refuse(_) => None,
+                Decision::Finished { entry, .. } if entry.by_content => None,
                 Decision::Finished { entry, .. } if entry.recording.starts_at_ns.is_some() => {
                     entry.recording.starts_at_ns
                 }
-                _ => self.begin(job)?,
+                _ => {
+                    let (begin, is_unread) = self.begin(job)?;
+                    if is_unread && !job.failed_before() {
+                        unread.get_or_insert(job.label());
+                    }
+                    begin
+                }
             };
         }
         jobs.sort_by_key(|job| job.source.starts_at_ns.unwrap_or(i64::MAX));
+        let has_a_place = |job: &Job| job.source.starts_at_ns.is_some();
+        let (mut chained, mut others): (Vec<_>, Vec<_>) = jobs.into_iter().partition(has_a_place);
+        others.iter_mut().for_each(|job| job.teaches = false);
 
-        // the baselines do not learn from recordings that are refused or cannot be read, which have
-        // no time: these are no links of the chain
-        let teaches = |job: &Job| job.source.starts_at_ns.is_some();
-        let (mut chained, others): (Vec<_>, Vec<_>) = jobs.into_iter().partition(teaches);
-
-        // 2. The baselines must be as they were before the first recording that is to be judged. If
-        // they are not, judging resumes at an earlier recording, or is impossible.
+        // 2. where the baselines go on
         let first = chained.iter().position(Job::is_to_be_judged);
         let first = first.unwrap_or(chained.len());
         let links: Vec<Option<Link>> = chained.iter().map(|job| job.link.clone()).collect();
-        let Some(from) = chain::resume_at(&links, first, baselines) else {
-            return Err(broken_chain(&chained[first]));
-        };
-
-        // 3. all recordings from there on are judged again, since the baselines before them change
-        for job in chained[from..].iter_mut().filter(|job| !job.is_to_be_judged()) {
-            job.decision = Decision::Judge(JudgeReason::AfterAnother);
+        match chain::go_on(&links, first, baselines) {
+            GoOn::From(from) => {
+                for job in chained[from..].iter_mut().filter(|job| !job.is_to_be_judged()) {
+                    job.decision = Decision::Judge(JudgeReason::AfterAnother);
+                }
+            }
+            GoOn::After(last) => {
+                chained[..last].iter_mut().for_each(|job| job.teaches = false);
+            }
         }
         chained.extend(others);
-        Ok(chained)
+        Ok((chained, unread))
     }
 
-    /// The time of a recording's first burst; its printheads are noted if they are asked for. `None` if the
-    /// recording cannot be read: the error is told when it is judged.
-    fn begin(&self, job: &mut Job) -> Result<Option<i64>, Failure> {
+    /// When a recording begins, and whether it could not be read although it is there; its printheads are noted
+    /// if they are asked for. The error of one without a begin is told when it is judged.
+    fn begin(&self, job: &mut Job) -> Result<(Option<i64>, bool), Failure> {
         let opened = Recording::open_with(&job.input.path, Limits::default(), self.dialects);
-        let Ok(recording) = opened else { return Ok(None) };
-        let pass = Pass { recording: &recording, control: self.control };
-        let starts = match chain::starts(pass, self.printheads) {
-            Ok(starts) => starts,
-            Err(e @ PipelineError::Interrupted) => return Err(e.into()),
-            Err(_) => return Ok(None),
+        let recording = match opened {
+            Ok(recording) => recording,
+            Err(e) => return Ok((None, !PipelineError::from(e).is_of_content())),
         };
+        let begin = when::begins_ns(&recording, || self.control.check())?;
         if self.printheads {
-            job.printheads = starts.keys().map(|name| name.to_string()).collect();
+            job.printheads =
+                chain::printheads(Pass { recording: &recording, control: self.control })?;
         }
-        Ok(starts.into_values().min())
+        let is_unread = recording.check_read().is_err();
+        Ok((begin.filter(|_| !is_unread), is_unread))
     }
 
     /// The digest of a file, with progress; `None` if it cannot be read. An interruption is a failure.
@@ -203,17 +208,6 @@ impl Planner<'_> {
         }
         Ok(digest.ok())
     }
-}
-
-/// The failure if no state of the baselines is left from which `first` could be judged again.
-fn broken_chain(first: &Job) -> Failure {
-    let (name, (_, why)) = (printable_path(&first.label()), first.words());
-    Failure::new(format!(
-        "{name}: to be judged ({why}), but the channels' baselines have meanwhile learned from it or from \
-         recordings after it: its verdicts would not be those of an undisturbed run. Put the baseline \
-         file back as it was before this recording, or remove it to judge all of them again in their \
-         order; what another run judges needs a baseline file of its own"
-    ))
 }
 
 /// Prints what would be done, and why, for `--dry-run`. `lost`: rows of names that lead to no

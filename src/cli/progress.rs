@@ -17,10 +17,10 @@ use indicatif::{
 };
 use inkling_io::damage::Damage;
 use inkling_io::inputs::Input;
-use inkling_io::{printable, stored};
+use inkling_io::{part_file, printable, stored};
 use std::cell::RefCell;
 use std::io::{IsTerminal, Write};
-use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
 use std::sync::{Arc, Once};
 use std::time::{Duration, Instant};
@@ -30,7 +30,12 @@ const TICK: Duration = Duration::from_millis(100);
 /// Time between two lines if there is no terminal.
 const LINE_EVERY: Duration = Duration::from_secs(10);
 
+/// How long whoever looks at a control has to end.
+const IN_TIME: Duration = Duration::from_millis(1500);
+
 const MOST_OF_A_MESSAGE: usize = 20_000;
+/// Whether anything was told on stderr.
+pub static COMPLAINED: AtomicBool = AtomicBool::new(false);
 /// Prefix of messages about what makes a result less certain.
 const WARNING: &str = "warning: ";
 const MOST_OF_A_NAME: usize = 64;
@@ -38,6 +43,7 @@ const MOST_OF_A_NAME: usize = 64;
 /// Writes a message to stderr, or collects it for the program that called. An error of writing is
 /// ignored, since the exit status still tells the failure; `eprintln!` would panic.
 pub fn complain(message: &str) {
+    COMPLAINED.store(true, Ordering::Relaxed);
     let message = printable::lines(message, MOST_OF_A_MESSAGE);
     if is_called() {
         MESSAGES.with_borrow_mut(|messages| messages.push(message));
@@ -53,7 +59,7 @@ thread_local! {
 }
 
 /// Whether this thread works for another program.
-fn is_called() -> bool {
+pub(super) fn is_called() -> bool {
     CALLER.with_borrow(Option::is_some)
 }
 
@@ -88,7 +94,23 @@ pub fn end_here() -> ! {
 /// The payload with which [`end_here`] unwinds.
 pub struct Interrupted;
 
-/// A control that Ctrl-C or a request to terminate interrupts. The second one ends the process at once.
+/// Ends this process at once. Every result gets its name when it is whole, so nothing half is left.
+fn end_at_once() -> ! {
+    part_file::remove_unfinished();
+    complain("inkling: interrupted; nothing unfinished was kept");
+    std::process::exit(1)
+}
+
+/// For work that looks at no control: Ctrl-C or a request to terminate ends the process at once. Within another
+/// program that program ends it.
+pub fn end_when_asked() {
+    if !is_called() {
+        at_each_request_to_end(|| end_at_once());
+    }
+}
+
+/// A control that Ctrl-C or a request to terminate interrupts. The second one ends the process at once, and the
+/// first one as well if whoever should look at the control does not in time.
 pub fn interruptible() -> Arc<Control> {
     handle_interrupts(|_| false)
 }
@@ -108,11 +130,14 @@ pub fn handle_interrupts(takes: impl Fn(&Control) -> bool + Send + 'static) -> A
             if takes(&handle) {
                 return;
             }
-            // the second request to end: whoever should have noticed the first one did not
             if handle.interrupted() {
-                std::process::exit(1);
+                end_at_once();
             }
             handle.interrupt();
+            std::thread::spawn(|| {
+                std::thread::sleep(IN_TIME);
+                end_at_once();
+            });
         });
     });
     control
@@ -234,13 +259,14 @@ impl Progress {
         self.bars.suspend(|| complain(message));
     }
 
-    /// Tells the first few damages of a recording, and how many more there are.
+    /// Tells the first few damages of a recording, with `--quiet` the first one, and how many more there are.
     pub fn say_damage(&self, name: &str, damage: &[Damage]) {
         let name = printable::line(name, MOST_OF_A_NAME);
         let all = damage.iter();
         let all = all.map(|d| format!("bytes {} to {}: {}", d.from_byte, d.to_byte, d.what));
-        for what in first_few(all, 10, |more| format!("{more} damages more")) {
-            self.say(&format!("warning: {name}: {what}"));
+        let most = if is_quiet() && !is_called() { 1 } else { 10 };
+        for what in first_few(all, most, |more| format!("{more} damages more")) {
+            self.fail(&format!("warning: {name}: {what}"));
         }
     }
 

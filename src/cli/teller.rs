@@ -11,14 +11,14 @@ use super::judge::{Judged, Run};
 use super::ledger::Stop;
 use super::notes::Notes;
 use super::output;
-use super::progress::Progress;
+use super::progress::{Progress, is_called};
 use super::report::printable_path;
 use super::results::{self, ReadReport};
 use crate::report::print as print_report;
 use inkling_io::file_error::FileError;
 use inkling_io::inputs::Input;
 use inkling_io::job::Job;
-use inkling_io::journal::{CountedMessage, Entry};
+use inkling_io::journal::{CountedMessage, Entry, Outcome};
 use inkling_io::{annotation_writer, printable, stored};
 use serde_json::{Value, json};
 use std::io::Write;
@@ -56,6 +56,9 @@ impl Teller<'_> {
     pub fn entered(&mut self, job: &Job, entry: &Entry) -> Result<(), Failure> {
         let row = Row::of(job, entry);
         self.account.rows.push(row.clone()); // whether or not it can be printed
+        if row.skipped {
+            self.complain_of(&row);
+        }
         self.print_row(&row, &entry.counts)
     }
 
@@ -83,6 +86,9 @@ impl Teller<'_> {
         }
         entry.notes.iter().for_each(|message| tell(notes, "note", message, ""));
         entry.not_judged.iter().for_each(|what| self.complain(&format!("{label}: {what}")));
+        if row.outcome != Outcome::NotJudged {
+            self.complain_of(&row);
+        }
         if self.timings {
             judged.timings.iter().for_each(|line| self.progress.say(line));
         }
@@ -116,6 +122,15 @@ impl Teller<'_> {
         let document = || json!({ "event": "annotations", "file": path.as_ref() });
         let text = || format!("  annotations: {}", printable_path(&path));
         Ok(unless_reader_gone(output::tell(self.json, document, text))?)
+    }
+
+    /// With `--quiet`, tells why a row makes the exit status another one than 0; otherwise messages or the closing
+    /// table tell it.
+    fn complain_of(&mut self, row: &Row) {
+        let is_lost = row.outcome <= Outcome::Damaged && self.account.is_news(row);
+        if is_lost && output::is_quiet() && !is_called() {
+            self.complain(&format!("{}: {}", printable_path(&row.recording), row.why));
+        }
     }
 
     /// Tells a failure, also with `--quiet`, unless too many have been told.
@@ -164,9 +179,11 @@ impl Teller<'_> {
             Some(stop) => return Err(stop.failure), // run.json on a full disk is the lesser loss
             None => written.map_err(FileError::unwritten(&self.out.join(RUN_NAME)))?,
         }
-        let of = self.account.rows.len();
         match exit {
-            Exit::Failed => Err(Failure::new(format!("none of {of} recordings could be judged"))),
+            Exit::Failed => Err(Failure::new(match &self.account.rows[..] {
+                [only] => format!("{}: {}", printable_path(&only.recording), only.why),
+                rows => format!("none of {} recordings could be judged", rows.len()),
+            })),
             exit => Ok(exit),
         }
     }

@@ -93,7 +93,6 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
 fn simulated(args: &Args, threads: usize) -> Result<Chapter, Failure> {
     let (seeds, first) = (args.seeds.unwrap_or(SEEDS), args.seed.unwrap_or(1));
     let seeds: Vec<u64> = (0..seeds).map(|k| first.wrapping_add(k)).collect();
-    // Ctrl-C simply ends the run: nothing is written before the last seed is done
     let all = (seeds.len() * DataSet::SIMULATED.len()) as u64;
     let steps = steps("thesis", Some(all), "data sets");
     thesis::simulated(&seeds, threads, || steps.inc(1)).map_err(Failure::new)

@@ -1,18 +1,17 @@
-//! The order of recordings with `--baseline`: when each begins, which is the time of its earliest burst, and from
-//! which on they are judged.
+//! Where a run with `--baseline` goes on in the order of the recordings.
 //!
-//! In: from `cli/plan.rs`, the recordings in order, each with its *link*: the digests of the baselines that its
-//! verdicts met and left, as the journal noted them. Out: the index from which on recordings are judged
-//! ([`resume_at`]); and for the order the times at which recordings begin ([`starts`]).
+//! In: from `cli/plan.rs`, the recordings in the order in which they begin, each with its *link*: the digests of
+//! the baselines that its verdicts met and left, as the journal noted them. Out: where recordings are judged by
+//! the baselines of their turn ([`go_on`]).
 //!
 //! Channels' own baselines go from each recording to the next. A recording that is judged again, or that comes
-//! in between, must meet the baselines as they were then: else its verdicts would differ from those of an
-//! undisturbed run. So judging can begin at a place only if the baselines that are there now are those that the
-//! next recording met, or that the last one left.
+//! in between, would have to meet the baselines as they were then. If these are there, because a run was killed
+//! or somebody put them back, all from there on are judged again, and are as in an undisturbed run. If they are
+//! not, the recording has no place in the order any more: it is judged by the baselines as they are and teaches
+//! nothing, and nothing else is changed for its sake.
 
 use super::Result;
 use super::groups::{MOST_GROUPS, of_printhead};
-use super::judges::MOST_REORDER_NS;
 use super::visit::Pass;
 use inkling_io::journal::Link;
 use std::cell::RefCell;
@@ -21,46 +20,43 @@ use std::sync::Arc;
 
 type State = Option<String>;
 
-/// `links`: for each recording, in order, the baselines before and after it, if it was once judged; `first`: the
-/// first recording that is to be judged, or their number; `now`: the baselines as they are. `None`: what is to
-/// be judged would meet baselines that other recordings have changed since. The index may be below `first` if a
-/// run was killed before it wrote its baselines, or somebody put earlier ones back.
-pub fn resume_at(links: &[Option<Link>], first: usize, now: &State) -> Option<usize> {
-    if links.iter().all(Option::is_none) {
-        return Some(first); // nothing here rests on them yet
-    }
+/// How a run goes on.
+#[derive(Debug, PartialEq, Eq)]
+pub enum GoOn {
+    /// All recordings from this one on are judged, each by the baselines of its turn. It may lie before the first
+    /// one that is to be judged if a run was killed before it wrote its baselines, or somebody put earlier ones back.
+    From(usize),
+    /// The baselines have learned from recordings before this one, and from it on they go on to learn. What is to
+    /// be judged before it has no place.
+    After(usize),
+}
 
-    let fits = |at: usize| wanted(links, at).is_none_or(|state| state == now);
+/// `links`: for each recording, in order, the baselines before and after it, if it was once judged; `first`: the
+/// first recording that is to be judged, or their number; `now`: the baselines as they are.
+pub fn go_on(links: &[Option<Link>], first: usize, now: &State) -> GoOn {
+    let links: Vec<Option<&Link>> =
+        links.iter().map(|link| link.as_ref().filter(|link| link.taught())).collect();
+    let fits = |at: usize| wanted(&links, at).is_none_or(|state| state == now);
     // the last place at or before `first` that continues from the present baselines
-    match (0..=first).rev().find(|&at| fits(at)) {
-        // all is finished, and others were judged since by the same baselines
-        None if first == links.len() => Some(first),
-        found => found,
-    }
+    let fitting = (0..=first).rev().find(|&at| fits(at));
+    let last = links.iter().rposition(Option::is_some);
+    fitting.map_or_else(|| GoOn::After(last.map_or(0, |last| last + 1)), GoOn::From)
 }
 
 /// The baselines that the next judged recording met, or else the last one left. `None`: any.
-fn wanted(links: &[Option<Link>], at: usize) -> Option<&State> {
+fn wanted<'a>(links: &[Option<&'a Link>], at: usize) -> Option<&'a State> {
     let next = links[at..].iter().flatten().next().map(|link| &link.before);
     let last = links[..at].iter().rev().flatten().next().map(|link| &link.after);
     next.or(last)
 }
 
-/// Times of the earliest usable bursts by printhead, ns. Without `all`, where the chunk index says that the file
-/// is about in the order of its times, only blocks up to the first one that holds a burst are decoded, and some
-/// printheads may be missing.
-pub fn starts(pass: Pass, all: bool) -> Result<BTreeMap<Arc<str>, i64>> {
-    // without a chunk index nothing is known of the order, and all blocks are decoded
-    let ordered = pass.recording.disorder_ns.is_some_and(|ns| ns <= MOST_REORDER_NS);
-    let starts: RefCell<BTreeMap<Arc<str>, i64>> = RefCell::default();
-    let want = |_| all || !ordered || starts.borrow().is_empty();
-    pass.bursts(want, |_, burst| {
-        let (t, mut starts) = (burst.t_acq_ns, starts.borrow_mut());
-        if let Some(first) = of_printhead(&mut starts, &burst.printhead, MOST_GROUPS, || t) {
-            *first = t.min(*first);
-        }
+/// The printheads of a recording, for whoever hands recordings out to others. All of it is read.
+pub fn printheads(pass: Pass) -> Result<Vec<String>> {
+    let heads: RefCell<BTreeMap<Arc<str>, ()>> = RefCell::default();
+    pass.all(|_, burst| {
+        of_printhead(&mut heads.borrow_mut(), &burst.printhead, MOST_GROUPS, || ());
     })?;
-    Ok(starts.into_inner())
+    Ok(heads.into_inner().into_keys().map(|name| name.to_string()).collect())
 }
 
 #[cfg(test)]
@@ -77,27 +73,32 @@ mod tests {
     }
 
     #[test]
-    fn what_follows_goes_on_and_what_lies_before_is_refused() {
+    fn what_follows_goes_on_and_what_lies_before_has_no_place() {
         let mut links = chain(3);
-        assert_eq!(resume_at(&links, 3, &state(3)), Some(3), "all is finished");
-        assert_eq!(resume_at(&links, 3, &state(9)), Some(3), "and others followed");
-        assert_eq!(resume_at(&links, 1, &state(3)), None, "changed in the middle");
+        assert_eq!(go_on(&links, 3, &state(3)), GoOn::From(3), "all is finished");
+        assert_eq!(go_on(&links, 3, &state(9)), GoOn::After(3), "and others followed");
+        assert_eq!(go_on(&links, 1, &state(3)), GoOn::After(3), "changed in the middle");
         links.push(None);
-        assert_eq!(resume_at(&links, 3, &state(3)), Some(3), "a new one at the end");
-        assert_eq!(resume_at(&links, 3, &state(9)), None, "after others that are not here");
+        assert_eq!(go_on(&links, 3, &state(3)), GoOn::From(3), "a new one at the end");
+        assert_eq!(go_on(&links, 3, &state(9)), GoOn::After(3), "after others that are not here");
         links.swap(2, 3);
-        assert_eq!(resume_at(&links, 2, &state(3)), None, "a new one in between");
-        assert_eq!(resume_at(&links, 2, &state(2)), Some(2), "with the baselines of that time");
-        assert_eq!(resume_at(&[None, None], 0, &state(7)), Some(0), "the first run of a chain");
+        assert_eq!(go_on(&links, 2, &state(3)), GoOn::After(4), "a new one in between");
+        assert_eq!(go_on(&links, 2, &state(2)), GoOn::From(2), "with the baselines of that time");
+        // it was judged without a place: what follows goes on all the same
+        links[2] = Some(Link { before: state(3), after: state(3) });
+        links.push(None);
+        assert_eq!(go_on(&links, 4, &state(3)), GoOn::From(4));
+        assert_eq!(go_on(&links, 4, &state(2)), GoOn::From(3), "killed before they were written");
+        assert_eq!(go_on(&[None, None], 0, &state(7)), GoOn::From(0), "the first run of a chain");
     }
 
     #[test]
     fn the_chain_is_replayed_from_the_baselines_that_are_there() {
         let links = chain(3);
-        assert_eq!(resume_at(&links, 3, &state(2)), Some(2), "killed before they were written");
-        assert_eq!(resume_at(&links, 3, &state(0)), Some(0), "removed");
-        assert_eq!(resume_at(&links, 2, &state(1)), Some(1), "put back");
+        assert_eq!(go_on(&links, 3, &state(2)), GoOn::From(2), "killed before they were written");
+        assert_eq!(go_on(&links, 3, &state(0)), GoOn::From(0), "removed");
+        assert_eq!(go_on(&links, 2, &state(1)), GoOn::From(1), "put back");
         let taught_nothing = vec![Some(Link { before: state(1), after: state(1) })];
-        assert_eq!(resume_at(&taught_nothing, 1, &state(1)), Some(1));
+        assert_eq!(go_on(&taught_nothing, 1, &state(1)), GoOn::From(1));
     }
 }

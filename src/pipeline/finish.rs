@@ -53,6 +53,7 @@ impl Run<'_> {
         }));
 
         // 3. damage, and what makes the recording fail
+        recording.check_read()?;
         let damage = all_damage(recording, results.scan_damage, &mut tally, digest.damage);
         check_rows(&tally.counts, table.rows())?;
         if tally.counts.bursts == 0 {

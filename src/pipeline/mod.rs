@@ -124,6 +124,14 @@ pub enum PipelineError {
     Isolate(#[from] inkling_core::isolate::IsolateError),
 }
 
+impl PipelineError {
+    /// Whether what is in the recording is the cause, so that it will fail again until it is changed.
+    pub fn is_of_content(&self) -> bool {
+        use PipelineError::{NoBursts, Recording};
+        matches!(self, NoBursts { .. } | Recording(RecordingError::File(FileError::Failed { .. })))
+    }
+}
+
 /// The first damage of a recording in words, as the end of a sentence; empty: there is none.
 fn and_damaged(damage: &[Damage]) -> String {
     damage.first().map_or(String::new(), |d| {
@@ -193,7 +201,7 @@ impl Control {
         }
     }
 
-    fn check(&self) -> Result<()> {
+    pub fn check(&self) -> Result<()> {
         if self.interrupted() { Err(PipelineError::Interrupted) } else { Ok(()) }
     }
 }

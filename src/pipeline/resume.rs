@@ -109,7 +109,14 @@ impl Resume<'_> {
             return Ok(Decision::Judge(why));
         };
 
-        // 4. did anything but its content change? What was never judged keeps its reason with `--force`
+        // 4. what failed for its content fails again; nobody is told twice
+        let is_same = entry.recording.path == job.source.path && entry.recording.stamp == stamp;
+        let is_dated = stamp.is_some_and(|stamp| stamp.modified_ns.is_some());
+        if entry.by_content && is_same && is_dated && entry.by == *self.means && !self.force {
+            return Ok(Decision::Finished { entry: entry.clone(), moved: false });
+        }
+
+        // 5. did anything but its content change? What was never judged keeps its reason with `--force`
         match self.stale(entry, job) {
             Some(why) if !(self.force && entry.outcome.is_judged()) => Ok(Decision::Judge(why)),
             None if !self.force => self.compare(entry, job, digest),
@@ -166,7 +173,14 @@ impl Resume<'_> {
         }
 
         let of_this = digest(&job.input.path)?;
-        Ok(match of_this.is_some() && of_this == then.digest {
+        if of_this.is_none() {
+            return Ok(Decision::Refuse(format!(
+                "{}: cannot be read now, so nobody knows whether it is what was judged; its results were left as \
+                 they are",
+                job.input.path.display()
+            )));
+        }
+        Ok(match of_this == then.digest {
             false => Decision::Judge(JudgeReason::RecordingChanged),
             true => Decision::Finished { entry, moved: !(same_place && unchanged) },
         })

@@ -96,6 +96,7 @@ fn other(burst: &Burst, change: &[&str], first: &[Vec<f64>]) -> Burst {
         ["celsius", t] => Burst { temperature_c: Some(value(t)), ..b },
         ["volts", u] => Burst { drive_voltage_v: Some(value(u)), ..b },
         ["time_ns", t] => Burst { t_acq_ns: t.parse().unwrap(), ..b },
+        ["s_later", s] => Burst { t_acq_ns: b.t_acq_ns + (1e9 * value(s)) as i64, ..b },
         ["covariates_of_3"] => {
             Burst { idle_time_s: vec![f32::NAN; 3], neighbours_fired: vec![9; 3].into(), ..b }
         }

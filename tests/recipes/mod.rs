@@ -4,7 +4,7 @@ mod bursts;
 mod shows;
 
 pub use bursts::{divided, made, on_day, some};
-pub use shows::{is_inert, results};
+pub use shows::{is_inert, results, results_in};
 
 use crate::by_hand::by_hand;
 use crate::dialects::writers::{self, Messages, Samples, Written};

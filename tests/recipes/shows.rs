@@ -16,9 +16,14 @@ use std::fs::File;
 
 /// Every file below `out` by its path, but for what tells when and how fast.
 pub fn results(house: &House) -> BTreeMap<String, Vec<u8>> {
+    results_in(house, "out")
+}
+
+/// The same of another directory.
+pub fn results_in(house: &House, out: &str) -> BTreeMap<String, Vec<u8>> {
     let mut found = BTreeMap::new();
-    for name in house.files("out") {
-        let mut bytes = house.read(&format!("out/{name}"));
+    for name in house.files(out) {
+        let mut bytes = house.read(&format!("{out}/{name}"));
         if name.ends_with(".summary.json") {
             let mut summary: Value = serde_json::from_slice(&bytes).unwrap();
             let of_time = ["rates", "timings", "phases"];

@@ -26,6 +26,8 @@ pub struct Job {
     /// The printheads in it, noted only where recordings are handed out to others, who must know which
     /// of them share a state.
     pub printheads: Vec<String>,
+    /// With `--baseline`, whether the state learns from it. Otherwise it is judged by the state as it is.
+    pub teaches: bool,
     /// Whoever is handed a job by another process is to judge it.
     #[serde(skip)]
     pub decision: Decision,
@@ -38,6 +40,7 @@ pub struct Job {
 #[derive(Clone, Debug, PartialEq)]
 pub enum Decision {
     Judge(JudgeReason),
+    /// It was judged, or failed for its content, and neither it nor the means have changed since.
     Finished {
         /// The journal's last line about it.
         entry: Arc<Entry>,
@@ -70,7 +73,7 @@ pub enum JudgeReason {
     #[error("settings changed: {0}")]
     SettingsChanged(String),
     /// It was judged by channels' own baselines before and would not be now, or the other way round.
-    #[error("--baseline is given now or was then, not both")]
+    #[error("--baseline is given now or was then, not both, or its turn came before another's")]
     BaselineChanged,
     #[error("its tables are of another version")]
     OtherTables,
@@ -102,7 +105,7 @@ impl Job {
         let verdicts = parts.chain([file]).collect::<Vec<_>>().join("/");
         let source = Source { path, day, ..Source::default() };
         let (printheads, decision, link) = (Vec::new(), Decision::default(), None);
-        Job { input, source, verdicts, printheads, decision, link }
+        Job { input, source, verdicts, printheads, teaches: true, decision, link }
     }
 
     /// What people call the recording: its path below the directory that was named.
@@ -119,11 +122,19 @@ impl Job {
         matches!(self.decision, Decision::Judge(_))
     }
 
+    pub fn failed_before(&self) -> bool {
+        self.decision == Decision::Judge(JudgeReason::FailedBefore)
+    }
+
     /// What is to be done (`judge`, `skip` or `refuse`), and why.
     pub fn words(&self) -> (&'static str, String) {
         match &self.decision {
-            Decision::Judge(why) => ("judge", why.to_string()),
-            Decision::Finished { entry, .. } => ("skip", format!("finished {}", entry.at)),
+            Decision::Judge(why) if self.teaches => ("judge", why.to_string()),
+            Decision::Judge(why) => ("judge", format!("{why}; the state does not learn from it")),
+            Decision::Finished { entry, .. } => {
+                let ended = if entry.outcome.is_judged() { "finished" } else { "failed" };
+                ("skip", format!("{ended} {}", entry.at))
+            }
             Decision::Refuse(why) => ("refuse", why.clone()),
         }
     }

@@ -61,7 +61,7 @@ pub struct Source {
     /// Day of its first burst, UTC; only if results are laid out by day.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub day: Option<String>,
-    /// Time of its earliest burst, ns since 1970; only if recordings are judged in that order.
+    /// When it begins by what most of its bursts say, ns since 1970; only if recordings are judged in that order.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub starts_at_ns: Option<i64>,
 }
@@ -79,11 +79,18 @@ pub struct Means {
 }
 
 /// Digests of the file of baselines before and after a recording was judged; `None`: no file. Each
-/// recording must begin with the digest that the one before ended with.
+/// recording must begin with the digest that the one before ended with. Both are the same for a recording that
+/// had no place in this order and taught nothing.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Link {
     pub before: Option<String>,
     pub after: Option<String>,
+}
+
+impl Link {
+    pub fn taught(&self) -> bool {
+        self.before != self.after
+    }
 }
 
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -116,6 +123,9 @@ pub struct Entry {
     pub results: Option<Results>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub error: Option<String>,
+    /// Whether it failed for what is in it, so that it fails again until it is changed.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub by_content: bool,
     /// Counts of signals by outcome and so on, as in the recording's summary; null if it failed.
     pub counts: Value,
     /// Printheads of which nothing, or that less than half, could be judged: a sentence each.

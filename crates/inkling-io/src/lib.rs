@@ -89,6 +89,7 @@ mod verdict_chunk;
 mod verdict_columns;
 pub mod verdict_reader;
 pub mod verdict_table;
+pub mod when;
 
 #[cfg(test)]
 mod documented;

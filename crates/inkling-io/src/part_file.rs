@@ -14,11 +14,13 @@
 //! renamed.
 
 use super::objects::{self, in_object_store};
+use std::collections::BTreeSet;
 use std::ffi::OsString;
 use std::fs::{self, File};
 use std::io::{self, BufWriter, IntoInnerError, Write};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 
 /// How many names are tried. A name can be taken only by a file that an ended process with the same
@@ -27,6 +29,19 @@ const MOST_NAMES: u32 = 1000;
 
 /// Number of the next file that this process begins.
 static NUMBER: AtomicU64 = AtomicU64::new(0);
+/// The files that this process has begun and not finished.
+static UNFINISHED: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
+
+fn unfinished() -> MutexGuard<'static, BTreeSet<PathBuf>> {
+    UNFINISHED.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Removes all files that this process has begun and not finished, for one that ends at once.
+pub fn remove_unfinished() {
+    for part in unfinished().iter() {
+        let _ = fs::remove_file(part); // as where one is dropped
+    }
+}
 
 #[derive(Debug)]
 pub struct PartFile {
@@ -83,6 +98,7 @@ impl PartFile {
             let part = path.with_file_name(part);
             match File::create_new(&part) {
                 Ok(file) => {
+                    unfinished().insert(part.clone());
                     // if the file system knows no locks, files of killed runs stay
                     let lock = file.try_lock().ok().and_then(|()| file.try_clone().ok());
                     let path = path.to_path_buf();
@@ -166,7 +182,8 @@ impl CompleteFile {
         match &mut self.0.place {
             Place::Unnamed(file) => objects::send(file, &self.0.path),
             Place::Beside { part, finished, .. } => {
-                fs::rename(part, &self.0.path)?;
+                fs::rename(&*part, &self.0.path)?;
+                unfinished().remove(part);
                 *finished = true;
                 Ok(())
             }
@@ -190,6 +207,7 @@ impl Drop for PartFile {
         if let Place::Beside { part, finished: false, .. } = &self.place {
             // Nothing can be done about a failure here; a `.part` is never taken for a result.
             let _ = fs::remove_file(part);
+            unfinished().remove(part);
         }
     }
 }

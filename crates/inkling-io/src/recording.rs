@@ -192,6 +192,12 @@ impl Recording {
         Some(Damage { from_byte: self.bytes, to_byte: now.bytes.max(self.bytes), what })
     }
 
+    /// An error if some of the recording could not be read although it is there: what was found in it is then not
+    /// all that it holds, and no damage of its own.
+    pub fn check_read(&self) -> Result<(), RecordingError> {
+        Ok(self.source.check_read().map_err(FileError::unread(&self.path))?)
+    }
+
     pub fn digester(&self) -> Digester {
         // The DataEnd record is the last of the data section; its checksum does not cover itself.
         let data = self.data_end.and_then(|end| self.data_end_record(end));

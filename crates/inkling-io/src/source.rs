@@ -12,6 +12,7 @@ use super::stamp::Stamp;
 use std::fs::{File, Metadata};
 use std::io;
 use std::path::Path;
+use std::sync::OnceLock;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 #[derive(Debug)]
@@ -21,6 +22,9 @@ pub struct Source {
     stamp: Stamp,
     /// How many bytes count: more and more if the file is being written ([`Source::grow`]).
     bytes: AtomicU64,
+    /// The first error of the disk or the store. Whoever met it went on without what was to be read, as if the
+    /// recording were damaged, which it may not be.
+    failed: OnceLock<(io::ErrorKind, String)>,
 }
 
 #[derive(Debug)]
@@ -46,7 +50,7 @@ impl Source {
     }
 
     fn new(stamp: Stamp, storage: Storage) -> Source {
-        Source { storage, stamp, bytes: AtomicU64::new(stamp.bytes) }
+        Source { storage, stamp, bytes: AtomicU64::new(stamp.bytes), failed: OnceLock::new() }
     }
 
     /// The source's length: when it was opened, or as far as it has grown or was cut since.
@@ -91,11 +95,23 @@ impl Source {
 
     /// Fills `buffer` with the bytes from `offset` on; a source that ends before is an error.
     pub fn read_at(&self, offset: u64, buffer: &mut [u8]) -> io::Result<()> {
-        match &self.storage {
+        let read = match &self.storage {
             Storage::File(file) => read_file_at(file, offset, buffer),
             Storage::Object(object) => object.read_at(offset, buffer),
             Storage::Memory(pieces) => pieces.read_at(offset, buffer),
+        };
+        // a source that is shorter than it says of itself is damaged
+        if let Err(e) = &read
+            && e.kind() != io::ErrorKind::UnexpectedEof
+        {
+            let _ = self.failed.set((e.kind(), e.to_string())); // the first one stays
         }
+        read
+    }
+
+    /// An error if the disk or the store has ever refused to give bytes.
+    pub fn check_read(&self) -> io::Result<()> {
+        self.failed.get().map_or(Ok(()), |(kind, what)| Err(io::Error::new(*kind, what.clone())))
     }
 }
 

@@ -65,7 +65,7 @@ pub struct Args {
     /// Say where the time went, stage by stage
     #[arg(long)]
     pub(super) timings: bool,
-    /// Where below --out: the tree below a directory is kept, by day of the first burst, flat, or each kind of table
+    /// Where below --out: the tree below a directory is kept, by day of its begin, flat, or each kind of table
     /// as one data set (verdicts/day=2026-11-01/)
     /// [default: tree]
     #[arg(long, value_parser = ["tree", "date", "flat", "hive"])]

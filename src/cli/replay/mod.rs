@@ -10,6 +10,7 @@
 //! judged. So a mistake is told before anything is written. `--dry-run` ends after the plan.
 
 mod args;
+mod begun;
 mod settings;
 
 pub use args::{Args, PRESETS};
@@ -28,6 +29,7 @@ use super::progress::{Progress, interruptible};
 use super::teller::Teller;
 use crate::pipeline::resume::Resume;
 use crate::settings::Settings;
+use begun::Begun;
 use inkling_io::baseline_file::BaselineFile;
 use inkling_io::dialect::Dialects;
 use inkling_io::file_error::FileError;
@@ -56,11 +58,24 @@ pub fn run_elsewhere(args: Args, judge: &mut dyn Judge) -> Result<Exit, Failure>
     }
 }
 
-/// The whole run: checks everything, plans, and judges. Mistakes in options and settings are found before
-/// anything is written. `elsewhere`: who judges the recordings; `None`: this process does.
+/// The whole run. One that fails before its recordings have their turn is accounted for, too.
 fn judged_by(args: Args, elsewhere: Option<&mut dyn Judge>) -> Result<Exit, Failure> {
+    let mut begun = Begun::by(&args);
+    let ended = checked_and_judged(args, elsewhere, &mut begun);
+    if let Err(failure) = &ended {
+        begun.note(failure);
+    }
+    ended
+}
+
+/// Checks everything, plans, and judges. Mistakes in options and settings are found before
+/// anything is written. `elsewhere`: who judges the recordings; `None`: this process does.
+fn checked_and_judged(
+    args: Args,
+    elsewhere: Option<&mut dyn Judge>,
+    begun: &mut Begun,
+) -> Result<Exit, Failure> {
     // 1. all that may be wrong is looked at first
-    let mut account = Account::new(args.strict);
     let (settings, design) = settings::with_design(&args)?;
     let out = PathBuf::from(&settings.output.dir);
     if args.follow {
@@ -68,16 +83,18 @@ fn judged_by(args: Args, elsewhere: Option<&mut dyn Judge>) -> Result<Exit, Fail
     }
     let serve = live::check(args.serve.as_deref(), args.serve_token.as_deref(), args.follow)?;
     let NamedRecordings { jobs, lost, dialects } = named_recordings(&args, &settings, &out)?;
+    begun.jobs.clone_from(&jobs);
     let (replay, baseline_file, means) = settings::load(settings, design, &args)?;
 
     // 2. the lock, which keeps other runs from the same directory
     let control = if args.follow { follow::until_enough() } else { interruptible() };
-    let lock = (!args.dry_run).then(|| RunLock::take(&out).map_err(Failure::new));
-    let mut lock = lock.transpose()?;
+    if !args.dry_run {
+        begun.lock = Some(RunLock::take(&out)?);
+    }
     // the journal is read again, since another run may have written to it before the lock was taken
     let journal = read_journal(&out)?;
     let planning = Progress::new(1, 0);
-    if lock.as_ref().is_some_and(|lock| lock.blind) {
+    if begun.lock.as_ref().is_some_and(|lock| lock.blind) {
         let out = out.display();
         planning.say(&format!("warning: {out}: no locks here: a second run would not be noticed"));
     }
@@ -98,9 +115,9 @@ fn judged_by(args: Args, elsewhere: Option<&mut dyn Judge>) -> Result<Exit, Fail
         progress: &planning,
         control: &control,
     };
-    let mut jobs = planner.plan(jobs)?;
+    let (mut jobs, mut waits_for) = (planner.plan(jobs)?, None);
     if let Some(file) = &baseline_file {
-        jobs = planner.chain(jobs, &file.digest())?;
+        (jobs, waits_for) = planner.chain(jobs, &file.digest())?;
     }
     if args.dry_run {
         return plan::print(&jobs, &lost, args.json);
@@ -108,7 +125,7 @@ fn judged_by(args: Args, elsewhere: Option<&mut dyn Judge>) -> Result<Exit, Fail
 
     // 4. what killed runs left is removed, and the journal opened
     let to_judge: Vec<&Job> = jobs.iter().filter(|job| job.is_to_be_judged()).collect();
-    if let Some(lock) = &mut lock {
+    if let Some(lock) = &mut begun.lock {
         let noted = |job: &&Job| ToJudge { recording: job.label(), path: job.source.path.clone() };
         let noted: Vec<ToJudge> = to_judge.iter().map(noted).collect();
         lock.plan(&noted).map_err(FileError::unwritten(&out.join(LOCK_NAME)))?;
@@ -128,6 +145,8 @@ fn judged_by(args: Args, elsewhere: Option<&mut dyn Judge>) -> Result<Exit, Fail
     let mut following = FollowJudge { json: args.json, live };
     // a single recording is reported in full, and no table over all recordings follows
     let is_alone = jobs.len() == 1 && lost.is_empty();
+    // from here on the batch accounts for the run
+    let mut account = begun.account.take().unwrap_or_else(|| Account::new(args.strict));
     account.rows = lost;
     let batch = Batch {
         judge: match elsewhere {
@@ -145,7 +164,7 @@ fn judged_by(args: Args, elsewhere: Option<&mut dyn Judge>) -> Result<Exit, Fail
             progress: &progress,
             control: &control,
         },
-        ledger: Ledger { out: &out, means: &means, journal, state: baseline_file },
+        ledger: Ledger { out: &out, means: &means, journal, state: baseline_file, waits_for },
         teller: Teller {
             out: &out,
             progress: &progress,
@@ -158,7 +177,7 @@ fn judged_by(args: Args, elsewhere: Option<&mut dyn Judge>) -> Result<Exit, Fail
         },
     };
     let ended = batch.run(&jobs);
-    lock.into_iter().for_each(RunLock::over);
+    begun.lock.take().into_iter().for_each(RunLock::over);
     ended
 }
 

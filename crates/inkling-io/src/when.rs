@@ -1,0 +1,116 @@
+//! When a recording begins, by what most of its bursts say: their place in the order of recordings, and the day
+//! under which results are laid out, rest on it. One burst of a clock that was not set yet must not move it.
+//!
+//! In: a recording. Out: the earliest time that lies among those of most bursts ([`begins_ns`]). A few blocks,
+//! spread over the file, are looked at.
+
+use super::recording::Recording;
+use inkling_core::burst::Acquisition;
+
+/// How many blocks are looked at, unless all have to be read to know the file's channels.
+const LOOKS: usize = 9;
+/// How many messages a worker decodes at a time.
+const MOST_ROWS: usize = 4096;
+/// Most times that are kept. When there are more, every other one goes.
+const MOST_TIMES: usize = 1 << 16;
+/// Times count that lie no further from the median than so many median distances from it: of bursts that are
+/// evenly spread the first lies two away.
+const MOST_AWAY: u64 = 3;
+
+/// The earliest time of a usable burst that lies among those of most bursts, ns since 1970. `check` is called
+/// before each block. `None`: there is no usable burst.
+pub fn begins_ns<E>(
+    recording: &Recording,
+    check: impl Fn() -> Result<(), E>,
+) -> Result<Option<i64>, E> {
+    let blocks = recording.blocks().filter(Result::is_ok).count();
+    let step = (blocks.saturating_sub(1) as f64 / (LOOKS - 1) as f64).max(1.0);
+    let mut wanted = (0..LOOKS).map(|nth| (nth as f64 * step).round() as usize).peekable();
+    let (mut reader, mut times) = (recording.reader(), Times::default());
+    for (nth, block) in recording.blocks().filter_map(Result::ok).enumerate() {
+        check()?;
+        let is_wanted = wanted.next_if_eq(&nth).is_some();
+        if !is_wanted && recording.channels_known_upfront {
+            continue;
+        }
+        reader.load(&block);
+        while let Some(piece) = reader.next_piece(MOST_ROWS) {
+            for acquisition in &piece.acquisitions {
+                if let Acquisition::Usable(burst) = acquisition {
+                    times.add(burst.t_acq_ns);
+                }
+            }
+        }
+    }
+    Ok(first_of_most(times.kept))
+}
+
+/// Times, of which every so many-th is kept.
+#[derive(Default)]
+struct Times {
+    kept: Vec<i64>,
+    seen: usize,
+    /// How often every other time went.
+    halved: u32,
+}
+
+impl Times {
+    fn add(&mut self, t_ns: i64) {
+        if self.seen.is_multiple_of(1 << self.halved) {
+            self.kept.push(t_ns);
+        }
+        self.seen += 1;
+        if self.kept.len() == MOST_TIMES {
+            let mut nth = 0;
+            self.kept.retain(|_| {
+                nth += 1;
+                nth % 2 == 1
+            });
+            self.halved += 1;
+        }
+    }
+}
+
+fn first_of_most(mut times: Vec<i64>) -> Option<i64> {
+    times.sort_unstable();
+    let median = *times.get(times.len() / 2)?;
+    let mut away: Vec<u64> = times.iter().map(|t| t.abs_diff(median)).collect();
+    away.sort_unstable();
+    let most = away[away.len() / 2].saturating_mul(MOST_AWAY);
+    times.into_iter().find(|t| t.abs_diff(median) <= most)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn clocks_that_were_wrong_for_a_while_do_not_move_the_begin() {
+        const S: i64 = 1_000_000_000;
+        let night: Vec<i64> = (0..60).map(|k| 1_700_000_000 * S + k * S).collect();
+        let begin = Some(night[0]);
+        assert_eq!(first_of_most(Vec::new()), None);
+        assert_eq!(first_of_most(vec![7]), Some(7));
+        assert_eq!(first_of_most(night.clone()), begin);
+        // one, or the first fourteen, at 0, in 2000, days back, an hour back, or in 2100
+        for wrong in [0, 946_684_800 * S, night[0] - 259_200 * S, night[0] - 3_600 * S, i64::MAX] {
+            for some in [0..1, 30..31, 59..60] {
+                let mut times = night.clone();
+                times[some].fill(wrong);
+                assert!(first_of_most(times).is_some_and(|t| t.abs_diff(night[0]) <= S as u64));
+            }
+            let mut times = night.clone();
+            times[..14].fill(wrong);
+            assert_eq!(first_of_most(times), Some(night[14]), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn of_many_times_some_are_kept_from_begin_to_end() {
+        let mut times = Times::default();
+        (0..1_000_000).for_each(|t| times.add(t));
+        assert!(times.kept.len() < MOST_TIMES);
+        assert!(times.kept.last() > Some(&990_000) && times.kept.is_sorted());
+        assert_eq!(first_of_most(times.kept), Some(0));
+    }
+}
