@@ -82,7 +82,7 @@ pub fn sweep(jobs: &[Job], out: &Path) {
     let files = jobs.iter().flat_map(|job| resume::files(&job.verdicts_in(out)));
     let dirs = files.filter_map(|file| file.parent().map(Path::to_path_buf));
     let dirs: BTreeSet<PathBuf> = dirs.chain([out.into()]).collect();
-    let endings = [".verdicts.parquet", ".episodes.parquet", ".summary.json"];
+    let endings = [".verdicts.parquet", ".episodes.parquet", ".summary.json", ".annotations.mcap"];
     let ours = |name: &str| name == RUN_NAME || endings.iter().any(|end| name.ends_with(end));
     for dir in &dirs {
         part_file::sweep(dir, ours);
