@@ -77,19 +77,23 @@ fn killed_anywhere_and_resumed_is_the_same_as_undisturbed() {
     println!("{states} states, {resumed_in_the_middle} of {KILLS} kills between two recordings");
 }
 
-/// Three nights, and what they leave.
-fn nights() -> (House, impl Fn(&House) -> (BTreeMap<String, Vec<u8>>, Vec<u8>)) {
+fn three_nights() -> House {
     let house = House::new();
     for i in 0..3 {
         house.record(&format!("rec/{i}/a.mcap"), &on_day(i, 10));
     }
-    (house, |house: &House| (results(house), house.read("own.json")))
+    house
+}
+
+/// The results, and the state.
+fn left(house: &House) -> (BTreeMap<String, Vec<u8>>, Vec<u8>) {
+    (results(house), house.read("own.json"))
 }
 
 /// A state that learned from the third without the second could never judge the second as an undisturbed run does.
 #[test]
 fn a_state_waits_a_night_for_a_recording_whose_tables_cannot_be_written_and_judges_the_others() {
-    let (house, left) = nights();
+    let house = three_nights();
     const ARGS: &str = "rec --baseline own.json";
     house.replay(ARGS).exits(0);
     let undisturbed = left(&house);
@@ -104,7 +108,7 @@ fn a_state_waits_a_night_for_a_recording_whose_tables_cannot_be_written_and_judg
 
 #[test]
 fn a_state_passes_over_a_recording_that_fails_again_and_goes_on() {
-    let (house, left) = nights();
+    let house = three_nights();
     const ARGS: &str = "rec --baseline own.json";
     house.write("out/1", "a file where a directory is to be");
     house.replay(ARGS).exits(3);
