@@ -75,7 +75,7 @@ pub fn by_channel(units: impl Iterator<Item = usize>) -> Vec<Vec<usize>> {
 pub fn baseline(codes: Option<&Model>, part: Setting) -> Option<Model> {
     let mut start = Model::start(part.data)?;
     if let Some(codes) = codes {
-        (start.rails, start.lattice) = (codes.rails.clone(), codes.lattice);
+        start.codes = codes.codes.clone();
     }
     start.fit(part.data, 2);
     Some(refit(start, Vec::new(), part, 2, true).model)

@@ -6,7 +6,8 @@
 //! 1. `engine` runs everything for ink channels; [`decay`] does so for few long decays of an oscillator.
 //! 2. `outliers` leaves odd signals out. The baseline, a mixed-effects model ([`model`], `settle`, `start`, `scatter`,
 //!    `matrices`), is fitted to single signals, never to an average alone.
-//! 3. `codes`, `ensemble` and, later, `jitter` (with `between`) test converter, noise and trigger (`artefacts`).
+//! 3. `codes` (with `lattice`), `ensemble` and, later, `jitter` (with `between`) test converters, noise and trigger
+//!    (`artefacts`).
 //! 4. All causes that move the expected signal ([`catalogue`]) are tested at once, as directions in one space of
 //!    linear extensions (`space`, `contributions`, `curvature`, `nuisance`, `candidates`, `clusters`). Those
 //!    that compete are refitted (`refit`, `selection`); one `search`, the same for all plants, picks the winner.
@@ -44,6 +45,7 @@ mod gain;
 mod generator;
 mod held_out;
 mod jitter;
+mod lattice;
 mod leftovers;
 mod matrices;
 pub mod model;

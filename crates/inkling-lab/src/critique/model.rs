@@ -64,9 +64,16 @@ pub struct Model {
     pub units: Vec<Theta>,
     /// Deviation of each signal's own parameters from its channel's, by row; the last one is not used.
     pub each: Vec<Theta>,
-    /// Limits of the converter: samples that are expected or measured beyond `Rail::from` count for nothing.
+    /// Of the converter of each printhead, by `Row::printhead`; empty: nothing is known.
+    pub codes: Vec<Codes>,
+}
+
+/// What is known of a converter.
+#[derive(Clone, Debug, Default)]
+pub struct Codes {
+    /// Its limits: samples that are expected or measured beyond `Rail::from` count for nothing.
     pub rails: Vec<Rail>,
-    /// `[step, first]` of a coarse converter, counts: all codes are `first` plus a multiple of `step`.
+    /// `[step, first]` of a coarse one, counts: all codes are `first` plus a multiple of `step`.
     pub lattice: Option<[f64; 2]>,
 }
 
@@ -177,8 +184,8 @@ impl Model {
     /// counts. The rounding error of a value u is a sawtooth with the Fourier series q sum (-1)^k sin(2 pi k
     /// u/q) / (pi k), q the step; Gaussian noise of variance v attenuates term k by e^{-2 (pi k/q)² v}, so
     /// that six terms suffice.
-    fn rounding(&self, expected: f64) -> f64 {
-        let Some([step, first]) = self.lattice else { return 0.0 };
+    fn rounding(&self, expected: f64, codes: Option<&Codes>) -> f64 {
+        let Some([step, first]) = codes.and_then(|codes| codes.lattice) else { return 0.0 };
         // the variance before rounding: the fitted one includes that of uniform rounding errors, step²/12
         let var = (self.noise_var - step * step / 12.0).max(LEAST_BEFORE_ROUNDING);
         let turn = TAU * (expected - first) / step;
@@ -263,16 +270,18 @@ impl Model {
         out.counts.clear();
         out.counts.resize(n, 1.0);
         let powers = powers(s);
+        let codes = self.codes.get(data.rows[i].printhead);
+        let rails = codes.map_or(&[][..], |codes| &codes.rails);
         for (k, &y) in data.signal(i).iter().enumerate() {
             out.tangent.columns.iter_mut().for_each(|column| column[k] *= s);
             out.tail[k] *= s;
             let shape = self.added.shape(&powers, k);
             let plain = s * out.tangent.y[k] + self.added.tail_gain * out.tail[k] + shape;
-            let expected = plain + self.rounding(plain);
+            let expected = plain + self.rounding(plain, codes);
             out.model.push(expected);
             out.residual.push(f64::from(y) - expected);
             let clips = |rail: &Rail| rail.clips(expected) || rail.clips(f64::from(y));
-            if self.rails.iter().any(clips) || data.is_lost(i, k) {
+            if rails.iter().any(clips) || data.is_lost(i, k) {
                 out.counts[k] = 0.0;
                 out.residual[k] = 0.0;
                 out.tail[k] = 0.0;

@@ -50,8 +50,7 @@ impl Model {
             added: Additions::none(n),
             units: vec![mean; data.units],
             each: vec![Theta::zeros(); data.len()],
-            rails: Vec::new(),
-            lattice: None,
+            codes: Vec::new(),
         };
 
         model.fit_units(data, 12);

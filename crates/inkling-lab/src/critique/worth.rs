@@ -20,8 +20,8 @@ use super::catalogue::CauseId;
 use super::chance::{interval, maximum, resampled};
 use super::finding::{LogLikelihood, Worth};
 use super::held_out::{TrainTestSplit, baseline, by_channel, with};
-use super::model::{Model, Rail};
-use super::observations::Observations;
+use super::model::{Codes, Model, Rail};
+use super::observations::{Observations, Row};
 use super::population::{Population, population};
 use super::predictive::{Growth, Noise, Signal, ln_densities_with_jitter, signals};
 use inkling_core::model::normal::ln_upper_tail;
@@ -137,25 +137,30 @@ impl Measuring<'_> {
     /// or rounded samples. `plain`, `ln_plain`: the held-out signals, and ln p of each, by the baseline that
     /// knows the codes. Whitened signals have no codes.
     fn codes(&self, plain: &[Signal], ln_plain: &[f64]) -> Vec<Step> {
-        let Model { rails, lattice, noise_var, .. } = self.before;
+        let Model { codes, noise_var, .. } = self.before;
         let is = |id| accepted(&self.artefacts.codes, id);
         let (clipping, coarse) = (is(CauseId::Clipping), is(CauseId::CoarseLsb));
-        if self.unwhitened.is_some() || rails.is_empty() && lattice.is_none() {
+        let bends = |codes: &Codes| !codes.rails.is_empty() || codes.lattice.is_some();
+        if self.unwhitened.is_some() || !codes.iter().any(bends) {
             return Vec::new();
         }
         let naive = baseline(None, self.split.part(self.avoid));
         let Some(naive) = naive else { return Vec::new() };
         let naive = ln(&self.split.test(&naive), &Noise::default());
         let sd = noise_var.sqrt();
-        let clipped: Vec<f64> = plain.iter().map(|signal| signal.ln_clipped(rails, sd)).collect();
+        let known = plain.iter().zip(&self.split.test.rows);
+        let of_head = known.map(|(signal, row)| (signal, codes.get(row.printhead)));
+        let clipped =
+            of_head.map(|(signal, of)| of.map_or(0.0, |of| signal.ln_clipped(&of.rails, sd)));
+        let clipped: Vec<f64> = clipped.collect();
         let model = differences(ln_plain, &naive);
         let sum = |of: &[f64]| model.iter().zip(of).map(|(p, q)| p + q).collect::<Vec<f64>>();
         let mut steps = Vec::new();
         if clipping.is_some() {
             steps.push(Step { id: CauseId::Clipping, gains: sum(&clipped) });
         }
-        if let (Some(_), Some(lattice)) = (coarse, lattice) {
-            let stepped = self.ln_codes(plain, *lattice);
+        if coarse.is_some() && codes.iter().any(|codes| codes.lattice.is_some()) {
+            let stepped = self.ln_codes(plain);
             // the gain of the fit is common to both causes, and told once, with clipping
             let gains = if clipping.is_some() { stepped } else { sum(&stepped) };
             steps.push(Step { id: CauseId::CoarseLsb, gains });
@@ -163,25 +168,30 @@ impl Measuring<'_> {
         steps
     }
 
-    /// What knowing the coarse step adds to ln p of each held-out signal. If a share e of codes lies off the
-    /// lattice, a code on it is step (1 - e) times as probable as without that knowledge, and any other
-    /// step e / (step - 1) times. Samples that may be clipped (`plain`: `counts` 0) are left out: their
+    /// What knowing the coarse step of each printhead adds to ln p of its held-out signals. If a share e of codes
+    /// lies off the lattice, a code on it is step (1 - e) times as probable as without that knowledge, and any
+    /// other step e / (step - 1) times. Samples that may be clipped (`plain`: `counts` 0) are left out: their
     /// probability is that of all values beyond the rail (`ln_clipped`).
-    fn ln_codes(&self, plain: &[Signal], [step, first]: [f64; 2]) -> Vec<f64> {
-        let on = |y: &f32| (f64::from(*y) - first).rem_euclid(step) == 0.0;
+    fn ln_codes(&self, plain: &[Signal]) -> Vec<f64> {
+        let lattice = |row: &Row| self.before.codes.get(row.printhead)?.lattice;
+        let off = |y: f32, [step, first]: [f64; 2]| (f64::from(y) - first).rem_euclid(step) != 0.0;
         let TrainTestSplit { train, test, .. } = &self.split;
-        let all = (0..train.len()).flat_map(|i| train.signal(i));
         // the counts start at 1 of 2, so that neither logarithm is infinite
-        let (off, count) = all
-            .fold((1.0, 2.0), |(off, count), y| (off + if on(y) { 0.0 } else { 1.0 }, count + 1.0));
-        let elsewhere = off / count;
-        let ln = [(step * (1.0 - elsewhere)).ln(), (step / (step - 1.0) * elsewhere).ln()];
-        let of = |y: &f32| if on(y) { ln[0] } else { ln[1] };
-        let of_signal = |i: usize| {
+        let (mut elsewhere, mut count) = (1.0, 2.0);
+        for (i, row) in train.rows.iter().enumerate() {
+            let Some(lattice) = lattice(row) else { continue };
+            count += train.samples as f64;
+            elsewhere += train.signal(i).iter().filter(|y| off(**y, lattice)).count() as f64;
+        }
+        let elsewhere = elsewhere / count;
+        let of_signal = |(i, row): (usize, &Row)| {
+            let Some(lattice @ [step, _]) = lattice(row) else { return 0.0 };
+            let ln = [(step * (1.0 - elsewhere)).ln(), (step / (step - 1.0) * elsewhere).ln()];
             let counted = test.signal(i).iter().zip(&plain[i].counts);
-            counted.filter(|(_, counts)| **counts != 0.0).map(|(y, _)| of(y)).sum()
+            let counted = counted.filter(|(_, counts)| **counts != 0.0);
+            counted.map(|(y, _)| ln[usize::from(off(*y, lattice))]).sum()
         };
-        (0..test.len()).map(of_signal).collect()
+        test.rows.iter().enumerate().map(of_signal).collect()
     }
 
     /// Gain of knowing the correlation of the noise: ln p of the whitened held-out signals (`ln_plain`), less
