@@ -74,7 +74,7 @@ fn recording(seed: u64, put: Put, volts: f64) -> Observations {
 
 fn said(seed: u64, put: Put, volts: f64) -> Critique {
     let data = recording(seed, put, volts);
-    critique(&data, Rings::InkChannel, false, &mut |_| {}).unwrap().critique
+    critique(&data, Rings::InkChannel, false).unwrap().critique
 }
 
 /// In counts, each once for all tests.

@@ -95,7 +95,7 @@ fn table(kind: Kind, [bursts, outputs, samples]: [usize; 3], rng: &mut ChaCha8Rn
 }
 
 fn told(data: &Observations, rings: Rings) -> Result<Critique, CritiqueError> {
-    let critique = critique(data, rings, false, &mut |_| {})?.critique;
+    let critique = critique(data, rings, false)?.critique;
     assert!(report::html(&critique).contains("</html>"));
     serde_json::to_string(&critique).unwrap();
     Ok(critique)

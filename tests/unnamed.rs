@@ -140,8 +140,7 @@ fn recording(effect: Effect, seed: u64) -> Observations {
 /// What is said of an oscillator, and whether that is right: what the catalogue holds is called by its name and no other,
 /// alone or in a tie; what it does not hold has no name for certain.
 fn answer(effect: Effect, seed: u64) -> (bool, String) {
-    let c =
-        critique(&recording(effect, seed), Rings::Oscillator, false, &mut |_| {}).unwrap().critique;
+    let c = critique(&recording(effect, seed), Rings::Oscillator, false).unwrap().critique;
     let names: Vec<&str> = c.causes.iter().map(|c| c.id.name()).collect();
     let is_right = match effect.name() {
         Some(name) => matches!(c.verdict, Verdict::Named | Verdict::Tie) && names == [name],

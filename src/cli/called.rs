@@ -39,7 +39,7 @@ pub fn called<T>(
 ) -> Result<T, Failure> {
     output::be_quiet();
     let done = called_by(control, || catch_unwind(AssertUnwindSafe(work)));
-    // an interruption may unwind the thread (`progress::end_here`), so not every panic is a fault
+    // an interruption may unwind the thread (`progress::end_of_work`), so not every panic is a fault
     // of ours
     let interrupted = |_: Box<dyn Any + Send>| match control.interrupted() {
         true => Err(Failure::new("interrupted")),

@@ -13,7 +13,9 @@ use super::collected::{NO_BURSTS, RecordingSource, Recordings};
 use super::effect::{self, Command};
 use super::exit::{Exit, Failure};
 use super::extended_design;
+use super::progress::{Progress, end_of_work};
 use super::report_page::{write_json, write_text};
+use crate::pipeline::Control;
 use crate::pipeline::collect::Observer;
 use crate::report::{Column, columns};
 use crate::settings::Settings;
@@ -25,9 +27,12 @@ use inkling_lab::critique::engine::{self, MOST_SAMPLES, Rings};
 use inkling_lab::critique::finding::{
     Compared, Critique, Evidence, Gain, GainFigures, HeldOut, Verdict,
 };
+use inkling_lab::critique::work::{self, Now, Work};
 use inkling_lab::critique::{decay, digits, report};
 use std::io::Write;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 const EXTENDED_DESIGN: &str = "extended.design.json";
 /// The files of a critique. Those of an earlier run are removed first, so that none lies beside those of this
@@ -99,7 +104,7 @@ pub fn run_on(args: &Args, given: RecordingSource) -> Result<Exit, Failure> {
     let mut observer = Observer::new(labels.as_ref(), settings.input.rails, most_samples);
     observer.whole_bursts = oscillator;
     let damaged = recordings.each(|pass| observer.take(pass))?;
-    let data = observer.finish().ok_or_else(|| Failure::new(NO_BURSTS))?;
+    let mut data = observer.finish().ok_or_else(|| Failure::new(NO_BURSTS))?;
     let (rejected, other_sampling) = (observer.rejected, observer.other_sampling);
     let left_out = rejected + other_sampling;
     let Recordings { progress, control, .. } = recordings;
@@ -110,25 +115,18 @@ pub fn run_on(args: &Args, given: RecordingSource) -> Result<Exit, Failure> {
         ));
     }
 
-    // 3. the critique; the engine calls `stages` at each stage, the only places at which it can be
-    // interrupted
-    let mut stages = |what: &str| {
-        if control.interrupted() {
-            progress.say("inkling: interrupted; nothing was written");
-            super::progress::end_here(); // nothing is open, and what computes has no other end
-        }
-        progress.say(&format!("{what} ..."));
-    };
+    // 3. the critique, which shows its stages and can be ended at any step
+    let progress = Arc::new(progress);
+    data.work = watched(&control, &progress);
     let rings = if oscillator { Rings::Oscillator } else { Rings::InkChannel };
-    let mut outcome =
-        engine::critique(&data, rings, labels.is_some(), &mut stages).map_err(Failure::new)?;
+    let mut outcome = engine::critique(&data, rings, labels.is_some()).map_err(Failure::new)?;
     outcome.critique.signals.rejected = left_out;
 
     // 4. now that there is a result, that of an earlier run is removed; then the design is
     // extended, as only ink channels have designs, and only causes extend them
     outputs::remove_earlier(&args.out, &FILES.map(|(name, _)| name)).map_err(Failure::new)?;
     if !oscillator && !outcome.critique.causes.is_empty() {
-        progress.say("extending the design ...");
+        data.work.begins(work::DESIGN);
         let samples = data.samples;
         let design = match observer.is_cut {
             true => Err(format!(
@@ -150,6 +148,24 @@ pub fn run_on(args: &Args, given: RecordingSource) -> Result<Exit, Failure> {
     let mut out = super::output::report();
     print(&args.out, &outcome.critique, &mut out)?;
     Ok(if damaged || left_out > 0 { Exit::Incomplete } else { Exit::Done })
+}
+
+/// Tells the stages of the critique's work with the share that is done, and ends the work when it is interrupted:
+/// nothing is open then, and what computes has no other end.
+fn watched(control: &Arc<Control>, progress: &Arc<Progress>) -> Work {
+    let (control, progress) = (control.clone(), progress.clone());
+    let (end, told) = (end_of_work(), AtomicBool::new(false));
+    Work::told(move |now| {
+        if control.interrupted() {
+            if !told.swap(true, Ordering::Relaxed) {
+                progress.say("inkling: interrupted; nothing was written");
+            }
+            end();
+        }
+        if let Now::Begins((what, share)) = now {
+            progress.say(&format!("{:>3.0} %  {what} ...", 100.0 * share));
+        }
+    })
 }
 
 /// Writes the tables and the page first and `critique.json` last, so that the other files are complete if

@@ -82,16 +82,16 @@ pub fn called_by<T>(control: &Arc<Control>, work: impl FnOnce() -> T) -> T {
     done
 }
 
-/// Ends interrupted work that has no other way out: it exits the process, or unwinds this thread if it works
-/// for another program.
-pub fn end_here() -> ! {
+/// What ends interrupted work of this thread, and of threads that it starts, that has no other way out: it exits
+/// the process, or unwinds the thread if it works for another program.
+pub fn end_of_work() -> fn() {
     match is_called() {
-        true => std::panic::resume_unwind(Box::new(Interrupted)),
-        false => std::process::exit(1),
+        true => || std::panic::resume_unwind(Box::new(Interrupted)),
+        false => || std::process::exit(1),
     }
 }
 
-/// The payload with which [`end_here`] unwinds.
+/// The payload with which [`end_of_work`] unwinds.
 pub struct Interrupted;
 
 /// Ends this process at once. Every result gets its name when it is whole, so nothing half is left.

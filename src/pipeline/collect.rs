@@ -147,9 +147,10 @@ impl<'a> Collector<'a> {
 }
 
 /// Most bytes and most signals that an [`Observer`] holds, if all signals are as long as the first. The bytes
-/// never bind: even of signals of 32,768 samples, the most, they hold `FEWEST_SIGNALS`.
+/// never bind: even of signals of 32,768 samples, the most, they hold `FEWEST_SIGNALS`. The
+/// number of signals bounds the time: two processors criticise so many, with several causes in them, in half a minute.
 const HELD_BYTES: usize = 64 << 20;
-const MOST_SIGNALS: usize = 8192;
+const MOST_SIGNALS: usize = 1536;
 /// Work per signal grows with the square of its samples: of signals longer than this fewer are held, down to
 /// [`FEWEST_SIGNALS`].
 const USUAL_SAMPLES: usize = 128;

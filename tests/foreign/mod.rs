@@ -134,7 +134,7 @@ impl Heard {
     fn critique(&self) -> Critique {
         let mut sampler = Sampler::new(self.layout.period_s, usize::MAX);
         self.signals.iter().for_each(|(beside, y)| sampler.offer("head", *beside, y));
-        critique(&sampler.finish(), Rings::InkChannel, false, &mut |_| {}).unwrap().critique
+        critique(&sampler.finish(), Rings::InkChannel, false).unwrap().critique
     }
 
     /// Whole counts, as the command reads them.

@@ -36,7 +36,7 @@ use super::outcome::{FEWEST_SAMPLES, FEWEST_SIGNALS};
 use super::outliers::{Outliers, outliers};
 use super::selection::{self, Selected};
 use super::words::{cause_sentence, equation, not_worth, ties};
-use super::{codes, decay, ensemble, evidence, figures, gain, jitter, worth};
+use super::{codes, decay, ensemble, evidence, figures, gain, jitter, work, worth};
 use std::f64::consts::TAU;
 
 /// Largest number of times that the signals are made white, each time by a better estimate.
@@ -56,49 +56,43 @@ pub enum Rings {
 }
 
 /// Criticises the model of signals; the entry point of the whole room. `labelled`: labels said that all of
-/// them are healthy, so none is left out as an outlier. `stages` is called with the name of each step as it
-/// begins. Errors: too few or too short signals, or none that rings; of an oscillator also those of `decay`.
+/// them are healthy, so none is left out as an outlier. Errors: too few or too short signals, or none that rings; of an oscillator also those of `decay`.
 pub fn critique(
     all: &Observations,
     rings: Rings,
     labelled: bool,
-    stages: &mut dyn FnMut(&str),
 ) -> Result<Outcome, CritiqueError> {
     check_enough(all.len(), rings)?;
     if all.samples < FEWEST_SAMPLES {
         return Err(CritiqueError::TooShort { samples: all.samples });
     }
     match rings {
-        Rings::InkChannel => of_ink_channels(all, labelled, stages),
-        Rings::Oscillator => decay::critique(all, stages),
+        Rings::InkChannel => of_ink_channels(all, labelled),
+        Rings::Oscillator => decay::critique(all),
     }
 }
 
-fn of_ink_channels(
-    all: &Observations,
-    labelled: bool,
-    stages: &mut dyn FnMut(&str),
-) -> Result<Outcome, CritiqueError> {
-    stages("fitting the baseline");
+fn of_ink_channels(all: &Observations, labelled: bool) -> Result<Outcome, CritiqueError> {
+    all.work.begins(work::BASELINE);
     let Outliers { out: outlier, shape_surprise } = left_out(all, labelled)?;
     let data = all.select(|i| !outlier[i]).standardised();
     check_enough(data.len(), Rings::InkChannel)?;
 
     // `data` are now the white signals, `unwhitened` the original ones if their noise was correlated
-    let mut prepared = Prepared::of(data, stages)?;
-    let selected = prepared.pick(stages);
+    let mut prepared = Prepared::of(data)?;
+    let selected = prepared.pick();
     let avoid = prepared.random_tone();
     let Prepared { data, unwhitened, baseline, mut artefacts, .. } = prepared;
     let setting = Setting { data: &data, avoid: &avoid };
     look_again(&mut artefacts, &selected, unwhitened.is_some(), setting);
     artefacts.odd_signals = shape_surprise;
 
-    stages("checking what is left");
+    all.work.begins(work::WHAT_IS_LEFT);
     let left = adequacy::check(&selected, &artefacts, setting);
 
     // Measure what the causes are worth on signals that nothing was fitted to: detection and misfit for the
     // causes of the selection, the likelihood also for those of codes, noise and trigger.
-    stages("measuring the gain");
+    all.work.begins(work::GAIN);
     let applied: Vec<_> = selected.causes.iter().map(|c| c.candidate.form.clone()).collect();
     let mut measured = gain::measure(&baseline, &applied, setting);
     measured.gain.log_likelihood_per_signal =
@@ -180,11 +174,11 @@ struct Prepared {
 }
 
 impl Prepared {
-    fn of(data: Observations, stages: &mut dyn FnMut(&str)) -> Result<Prepared, CritiqueError> {
+    fn of(data: Observations) -> Result<Prepared, CritiqueError> {
         let mut baseline = Model::fitted(&data, 2).ok_or(CritiqueError::NoRing)?;
 
         // codes first: what is accepted of them becomes part of the baseline (rails, lattice)
-        stages("looking at codes and noise");
+        data.work.begins(work::CODES);
         let codes = codes::test(&data, &mut baseline);
         if !codes.is_empty() {
             baseline.fit(&data, 2);
@@ -260,8 +254,8 @@ impl Prepared {
 
     /// Selects causes. A random tone that was deferred is then tested again beside them; if it is accepted,
     /// the causes are selected anew, with the tone known.
-    fn pick(&mut self, stages: &mut dyn FnMut(&str)) -> Selected {
-        let selected = self.select(stages);
+    fn pick(&mut self) -> Selected {
+        let selected = self.select();
         if !self.deferred {
             return selected;
         }
@@ -271,14 +265,14 @@ impl Prepared {
         noise.extend(again.into_iter().filter(|f| f.id == CauseId::RandomTone));
         at_the_ring_beside(noise, &selected.findings());
         match accepted(noise, CauseId::RandomTone) {
-            Some(_) => self.select(stages),
+            Some(_) => self.select(),
             None => selected,
         }
     }
 
-    fn select(&self, stages: &mut dyn FnMut(&str)) -> Selected {
+    fn select(&self) -> Selected {
         let setting = Setting { data: &self.data, avoid: &self.random_tone() };
-        selection::select(self.baseline.clone(), setting, self.artefacts.findings(), stages)
+        selection::select(self.baseline.clone(), setting, self.artefacts.findings())
     }
 }
 

@@ -50,7 +50,7 @@ fn a_random_tone_at_the_rings_frequency_is_deferred_where_noise_is_made_white() 
     for seed in [1, 2] {
         let phase = |signal: usize| 1.7 * (signal * signal) as f64;
         let data = coloured(seed, |i, t, y| y + 2.5 * (40.65 * t + phase(i)).cos());
-        let prepared = Prepared::of(data, &mut |_| {}).unwrap();
+        let prepared = Prepared::of(data).unwrap();
         assert_eq!(accepted(&prepared.artefacts.noise, RandomTone), None);
         assert!(prepared.unwhitened.is_some() && prepared.deferred);
     }

@@ -215,7 +215,7 @@ pub fn assert_uniform(mut p: Vec<f64>) {
 
 pub fn criticised(data: &Observations) -> super::finding::Critique {
     let rings = super::engine::Rings::InkChannel;
-    super::engine::critique(data, rings, false, &mut |_| {}).unwrap().critique
+    super::engine::critique(data, rings, false).unwrap().critique
 }
 
 fn names(run: &Run, seed: u64) -> (super::finding::Verdict, Vec<super::finding::Cause>) {

@@ -18,7 +18,8 @@
 //! 7. `verdict`, `words`, `evidence`, `figures`, `pictures` and [`report`] tell it; `extended` decides
 //!    whether the model may become a design.
 //!
-//! [`tuned`] holds every tuned number, `chance` turns statistics into probabilities.
+//! Wherever signals are gone through, [`work`] is told, so that a critique shows its progress and can be ended
+//! at any step. [`tuned`] holds every tuned number, `chance` turns statistics into probabilities.
 
 mod adequacy;
 mod artefacts;
@@ -71,4 +72,5 @@ mod verdict;
 mod waves;
 mod whiteness;
 mod words;
+pub mod work;
 mod worth;

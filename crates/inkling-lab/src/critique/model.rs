@@ -247,6 +247,7 @@ impl Model {
 
     /// Residual and Jacobian are in counts, for the signal's own drive. The memory of `out` is used again.
     pub fn linearise(&self, i: usize, data: &Observations, out: &mut Linear) {
+        data.work.goes_on();
         let theta = self.theta(i, data);
         let n = data.samples;
         let s = data.beside.drive[i];

@@ -6,6 +6,7 @@
 //! bursts must stay whole). So memory is bounded, the sample is random, and reruns agree.
 
 use super::covariates::Covariates;
+use super::work::Work;
 use inkling_core::burst::Beside;
 use std::collections::{BTreeMap, BTreeSet, BinaryHeap};
 use std::ops::Range;
@@ -39,6 +40,8 @@ pub struct Observations {
     /// Number of signals that were offered.
     pub found: u64,
     pub printheads: Vec<String>,
+    /// Told while they are worked on.
+    pub work: Work,
 }
 
 impl Observations {
@@ -99,6 +102,7 @@ impl Observations {
             units: units.len(),
             bursts: bursts.len(),
             printheads: self.printheads.clone(),
+            work: self.work.clone(),
             ..*self
         }
     }
@@ -249,6 +253,7 @@ impl Sampler {
             bursts: bursts.len(),
             found: self.found,
             printheads: printheads.into_keys().collect(),
+            work: Work::default(),
         }
     }
 }

@@ -14,6 +14,7 @@ use super::candidate::{Candidate, Chosen};
 use super::finding::Evidence;
 use super::objection::{Objection, WhyNot};
 use super::tuned::TIE;
+use super::work::{Stage, Work};
 use std::ops::ControlFlow;
 
 pub trait System {
@@ -23,8 +24,10 @@ pub trait System {
     /// Whether a candidate that is tied with a cause in the model may enter beside it, or stands for the same
     /// effect.
     const TIED_MAY_ENTER: bool;
-    /// Name of the step in which candidates are tried.
-    const TRYING: &'static str;
+    /// The step in which candidates are tried.
+    const TRYING: Stage;
+
+    fn work(&self) -> &Work;
 
     fn tried(&self, now: &Self::Model) -> Vec<Candidate<Self::Form>>;
 
@@ -34,7 +37,6 @@ pub trait System {
         now: &Self::Model,
         tried: &[Candidate<Self::Form>],
         chosen: &[Chosen<Self::Form>],
-        stages: &mut dyn FnMut(&str),
     ) -> Round<Self::Model, Self::Form>;
 
     /// Refits the model after a cause has entered, and removes superfluous causes from it and from `chosen`.
@@ -111,12 +113,11 @@ pub fn search<S: System>(
     system: &S,
     mut now: S::Model,
     ln_samples: f64,
-    stages: &mut dyn FnMut(&str),
 ) -> ExplainedModel<S::Model, S::Form> {
     let mut causes: Vec<Chosen<S::Form>> = Vec::new();
     let (mut evidence, mut unnamed) = (Vec::new(), Vec::new());
     for step in 0..=S::MOST_CAUSES {
-        stages(S::TRYING);
+        system.work().begins_step(S::TRYING, step, S::MOST_CAUSES);
         let mut tried = system.tried(&now);
         let rows = evidence.len();
         let named = tried.iter().filter(|t| t.has_name());
@@ -130,7 +131,7 @@ pub fn search<S: System>(
             break; // the last step only tests what is left
         }
 
-        let round = system.round(&now, &tried, &causes, stages);
+        let round = system.round(&now, &tried, &causes);
         let Some(winner) = round.winner() else {
             // a named candidate that had passed, where none survived its refit, is significant but no cause
             if round.contenders.iter().all(|r| !r.candidate.has_name()) {

@@ -17,6 +17,7 @@ use super::model::Model;
 use super::refit::{Refit, apply, follow, refit};
 use super::search::{Contender, ExplainedModel, Round, System, search};
 use super::tuned::TIE;
+use super::work::{self, Stage, Work};
 use nalgebra::DVector;
 use std::ops::ControlFlow;
 
@@ -38,17 +39,12 @@ fn findings(chosen: &[Chosen<Applied>]) -> Vec<Finding> {
 
 /// `baseline`: the model without causes, fitted to the signals of `setting`. `found`: what was found in codes
 /// and noise, which may also leave something that looks like a cause of the mean.
-pub fn select(
-    baseline: Model,
-    setting: Setting,
-    found: Vec<Finding>,
-    stages: &mut dyn FnMut(&str),
-) -> Selected {
+pub fn select(baseline: Model, setting: Setting, found: Vec<Finding>) -> Selected {
     let baseline = refit(baseline, Vec::new(), setting, 3, true);
     let ExplainedModel { fitted: now, mut causes, evidence, unnamed } =
-        search(&setting, baseline, setting.data.ln_samples(), stages);
+        search(&setting, baseline, setting.data.ln_samples());
 
-    stages("measuring the causes");
+    setting.data.work.begins(work::MEASURING);
     let mut last = refit(now.model, now.causes, setting, 3, true);
     measure(&mut causes, &last, setting);
     let mut all = findings(&causes);
@@ -72,7 +68,11 @@ impl System for Setting<'_> {
     type Form = Applied;
     const MOST_CAUSES: u32 = 4;
     const TIED_MAY_ENTER: bool = false;
-    const TRYING: &'static str = "testing the catalogue";
+    const TRYING: Stage = work::CATALOGUE;
+
+    fn work(&self) -> &Work {
+        &self.data.work
+    }
 
     /// The most surprising first, without the causes that are in the model.
     fn tried(&self, now: &Refit) -> Vec<Scored> {
@@ -86,16 +86,9 @@ impl System for Setting<'_> {
     /// A rival never enters the model; if it wins, the search ends. If the likeliest rival is clearly better
     /// than the likeliest name, these two are compared once more, each together with the named candidate that
     /// comes next beside it: where there are two causes, a rival may take a part of both.
-    fn round(
-        &self,
-        now: &Refit,
-        tried: &[Scored],
-        _: &[Chosen<Applied>],
-        stages: &mut dyn FnMut(&str),
-    ) -> Round<Refit, Applied> {
+    fn round(&self, now: &Refit, tried: &[Scored], _: &[Chosen<Applied>]) -> Round<Refit, Applied> {
         let best = tried.iter().find(|s| s.has_name() && s.accepted());
         let Some(best) = best else { return Round { contenders: vec![], least: f64::INFINITY } };
-        stages("refitting what competes");
         let mut all = refitted(now, tried, best, *self);
         let place = |named: bool| all.iter().position(|r| r.candidate.has_name() == named);
         if let (Some(named), Some(unnamed)) = (place(true), place(false))

@@ -6,6 +6,7 @@
 
 use crate::critique::observations::Observations;
 use crate::critique::outcome::CritiqueError;
+use crate::critique::work::Work;
 
 /// The fit has two numbers for each burst and for each output, and its time grows with their cube.
 const MOST_BURSTS: usize = 32;
@@ -30,6 +31,8 @@ pub struct Decays {
     /// Whether all samples of all complete bursts are looked at.
     pub whole: bool,
     pub incomplete: usize,
+    /// Told while they are worked on.
+    pub work: Work,
 }
 
 impl Decays {
@@ -92,6 +95,7 @@ impl Decays {
             scale,
             whole: most == all.len() && n == data.samples,
             incomplete: data.bursts - all.len(),
+            work: data.work.clone(),
         })
     }
 

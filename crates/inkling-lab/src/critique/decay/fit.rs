@@ -291,6 +291,7 @@ impl<'a> Fit<'a> {
 
 /// Sum of squares of the whitened misfit (infinite where the motion is lost), and this misfit.
 fn cost(plant: &Plant, p: &[f64], noise: &Noise, measured: &[f64]) -> (f64, Vec<f64>) {
+    plant.decays.work.goes_on();
     let mut r = plant.predict(p);
     r.iter_mut().zip(measured).for_each(|(m, y)| *m = y - *m);
     r.chunks_mut(plant.upto).enumerate().for_each(|(i, series)| noise.apply_to(i, series));
@@ -304,6 +305,7 @@ fn normal(plant: &Plant, p: &[f64], noise: &Noise, r: &[f64]) -> (DMatrix<f64>, 
     let (mut gram, mut product) = (DMatrix::zeros(numbers, numbers), DVector::zeros(numbers));
     let series = plant.jacobian(p).series.into_iter();
     for (i, (columns, r)) in series.zip(r.chunks(plant.upto)).enumerate() {
+        plant.decays.work.goes_on();
         let whitened = |(number, mut column): (usize, Vec<f64>)| {
             noise.apply_to(i, &mut column);
             (number, DVector::from_vec(column))

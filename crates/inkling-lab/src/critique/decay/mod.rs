@@ -35,6 +35,7 @@ use super::outcome::{CritiqueError, Outcome};
 use super::tuned::MOSTLY;
 use super::verdict::Unexplained;
 use super::words::{not_worth, ties};
+use super::work;
 use children::misfit_power;
 use decays::Decays;
 use fit::sizes;
@@ -110,14 +111,10 @@ fn unexplained(selected: &Selected, left: &Unexplained) -> Vec<String> {
     left.remarks().into_iter().chain(unnamed).collect()
 }
 
-/// Criticises the model of decays. `stages` is called with the name of each step as it begins. Error: nothing
-/// rings, or the bursts are no decays of one system.
-pub fn critique(
-    data: &Observations,
-    stages: &mut dyn FnMut(&str),
-) -> Result<Outcome, CritiqueError> {
+/// Criticises the model of decays. Error: nothing rings, or the bursts are no decays of one system.
+pub fn critique(data: &Observations) -> Result<Outcome, CritiqueError> {
     let decays = Decays::of(data)?;
-    let selected = selection::select(&decays, stages);
+    let selected = selection::select(&decays);
     let sum = |y: &[f64]| y.iter().map(|v| v * v).sum::<f64>();
     // an offset may be the larger part of the signals: the ring is judged by the movement that it explains
     let explained = 1.0 - sum(&selected.fit.misfit()) / sum(&decays.y);
@@ -125,7 +122,7 @@ pub fn critique(
         return Err(CritiqueError::NoRing);
     }
 
-    stages("measuring the gain");
+    decays.work.begins(work::GAIN);
     let (mut causes, mut remarks) = words::causes(&selected);
     let (misfit, gain) = gain::measure(&selected);
     let left = left(&selected, !causes.is_empty());

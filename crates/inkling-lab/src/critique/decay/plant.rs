@@ -75,7 +75,7 @@ impl Jacobian {
 
 /// The oscillator with some terms, in the first `upto` samples of some decays.
 pub struct Plant<'a> {
-    decays: &'a Decays,
+    pub decays: &'a Decays,
     terms: &'a [Term],
     pub upto: usize,
 }

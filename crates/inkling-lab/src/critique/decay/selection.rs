@@ -24,6 +24,7 @@ use crate::critique::finding::Evidence;
 use crate::critique::objection::Objection;
 use crate::critique::search::{Contender, ExplainedModel, Round, System, search};
 use crate::critique::tuned::{LEFT_BY_ALL, LEFT_TO_SHAPES, MOSTLY, TIE};
+use crate::critique::work::{self, Stage, Work};
 use inkling_core::numbers::LITTLE;
 use inkling_core::side_by_side::{cores, side_by_side};
 use nalgebra::DMatrix;
@@ -137,7 +138,11 @@ impl<'a> System for &'a Decays {
     type Form = Added<'a>;
     const MOST_CAUSES: u32 = 12;
     const TIED_MAY_ENTER: bool = true;
-    const TRYING: &'static str = "trying what may be added";
+    const TRYING: Stage = work::TERMS;
+
+    fn work(&self) -> &Work {
+        &self.work
+    }
 
     /// All candidates, judged in the noise that the one with the largest gain in BIC would leave (of those
     /// without an objection); the largest statistic first.
@@ -160,7 +165,6 @@ impl<'a> System for &'a Decays {
         _: &Fit<'a>,
         tried: &[Tried<'a>],
         chosen: &[Chosen<Added<'a>>],
-        _: &mut dyn FnMut(&str),
     ) -> Round<Fit<'a>, Added<'a>> {
         let strongest = chosen.iter().map(|c| c.candidate.statistic).fold(0.0, f64::max);
         let least = (LEFT_BY_ALL * strongest).max(DETECTION_LIMIT);
@@ -192,12 +196,12 @@ impl<'a> System for &'a Decays {
     }
 }
 
-pub fn select<'a>(decays: &'a Decays, stages: &mut dyn FnMut(&str)) -> Selected<'a> {
-    stages("fitting one damped oscillation");
+pub fn select(decays: &Decays) -> Selected<'_> {
+    decays.work.begins(work::OSCILLATION);
     let baseline = baseline(decays);
     let ExplainedModel { fitted, mut causes, evidence, unnamed } =
-        search(&decays, baseline.clone(), decays.ln_samples(), stages);
-    stages("measuring the causes");
+        search(&decays, baseline.clone(), decays.ln_samples());
+    decays.work.begins(work::MEASURING);
     let noise = fitted.noise();
     let mut fit = fitted.descend(&noise);
     let more = better_form(&mut fit, &mut causes, &noise);

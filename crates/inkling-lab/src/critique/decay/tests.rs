@@ -112,7 +112,7 @@ fn recorded(truth: &Truth, seed: u64, bursts: i64) -> Observations {
 
 /// The critique of such signals.
 fn said(truth: &Truth, seed: u64) -> Critique {
-    critique(&observed(truth, seed), &mut |_| {}).unwrap().critique
+    critique(&observed(truth, seed)).unwrap().critique
 }
 
 /// The names of a critique's causes, sorted; `?` for a misfit without a name.
@@ -173,7 +173,7 @@ fn causes_of_synthetic_decays_are_named_or_withheld() {
 fn of_many_decays_a_few_say_what_it_is() {
     let truth = Truth { cubic: 0.08, swings: 12.0, ..PLAIN };
     let data = recorded(&truth, 5, 100);
-    let of = critique(&data, &mut |_| {}).unwrap().critique;
+    let of = critique(&data).unwrap().critique;
     assert_eq!(names(&of), ["cubic_stiffness"], "{}", of.sentence);
     let remark = "of each of 32 signals were looked at, in 32 bursts spread over the recording of 100 signals";
     assert!(of.remarks.iter().any(|said| said.ends_with(remark)), "{:?}", of.remarks);
