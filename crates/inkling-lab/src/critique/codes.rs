@@ -8,8 +8,8 @@
 //!
 //! - clipping: the probability that no sample lies beyond the largest (or smallest) code, although the model
 //!   expects samples there; the code itself must hold those that are missing;
-//! - coarse step: the probability that some codes are never met, although those on both sides of each are met
-//!   often; the codes that are met must be those of a `lattice`. Whole counts have the step 1.
+//! - coarse step: the probability that some codes are never met, although codes beside them are met often; the
+//!   codes that are met must be those of a `lattice`. Whole counts have the step 1.
 //!
 //! Floating-point samples have codes, too, where few distinct values are met. The work depends on the number
 //! of samples and not on how large they are.
@@ -27,8 +27,10 @@ use std::collections::BTreeMap;
 
 /// Floating-point values nearer than this, in amplitudes of the ring, are one code.
 const FLOAT_DIGITS: f64 = 1e-6;
-/// In a gap of more codes than this only so many are looked at, evenly.
+/// In a gap of more codes than this only the first ones are looked at.
 const MOST_OF_A_GAP: i64 = 16;
+/// Standard deviations of the noise within which nearly all of it lies: all but 6e-5.
+const FARTHEST: f64 = 4.0;
 
 /// Tests clipping (at the more surprising end) and a coarse step, and returns both candidates in this order.
 /// Writes what is accepted to the model.
@@ -154,8 +156,8 @@ impl Head<'_> {
         }
 
         // A code that should be met `often` times is missed with a probability of e^-often (Poisson), so the
-        // surprise of several is the sum of `often`; three must be missing, and only half of the sum counts,
-        // since codes near by are no independent measure of how often it should be (heuristic).
+        // surprise of several is the sum of `often`; three must be missing, and only half of the sum counts
+        // (heuristic).
         let (missing, often) = self.missed(&met);
         let surprise = if missing > 2.0 { 0.5 * often } else { 0.0 };
         if surprise <= THRESHOLD {
@@ -166,6 +168,8 @@ impl Head<'_> {
             let f = Candidate::by_chance(CauseId::CoarseLsb, surprise, f64::NAN, f64::NAN);
             return (Candidate { objection, ..f }, None);
         };
+        // now that the step is known: as many as whole counts would have brought between its multiples
+        let surprise = 0.5 * total as f64 * (1.0 - 1.0 / step);
         let whole = step.round().max(1.0);
         let is_whole = met.iter().all(|code| (code - met[0]) % whole as i64 == 0);
         let lattice = is_whole.then_some([whole, (met[0] % whole as i64) as f64]);
@@ -185,31 +189,24 @@ impl Head<'_> {
         Candidate::by_chance(CauseId::CoarseLsb, surprise, value, 1e-3 * value)
     }
 
-    /// Number of codes between those that were `met` which were missed although they should be met more than
-    /// `THRESHOLD` times, and the sum of how often each should be: as often as a code within two standard
-    /// deviations of the noise, on the side where codes are rarer. So codes that no signal comes by, between
-    /// rings that are all alike, are not missed, and nothing is asked of the model but its noise.
+    /// Number of codes between those that were `met` which should be met more than `THRESHOLD` times, and the sum
+    /// of how often each should be at least. A sample scatters by the noise about its own place, which lies
+    /// within `FARTHEST` standard deviations. So the code at a distance of d standard deviations from one that
+    /// was met n times should be met n e^{-d (d + 2 FARTHEST)/2} times at least, wherever the places are: codes
+    /// that no signal comes by are not missed, and nothing is asked of the model but its noise.
     fn missed(&self, met: &[i64]) -> (f64, f64) {
-        let reach = (2.0 * self.sd).ceil() as i64 + 1;
-        // the number of samples below each code of `met`, so that any stretch is counted at once
-        let mut below = vec![0];
-        for code in met {
-            below.push(below[below.len() - 1] + self.met.get(code).copied().unwrap_or(0));
-        }
-        let count = |from: i64, to: i64| {
-            let before = |code: i64| below[met.partition_point(|met| *met < code)];
-            (before(to) - before(from)) as f64 / reach as f64
+        let kept = |codes: i64| {
+            let d = codes as f64 / self.sd;
+            (-0.5 * d * (d + 2.0 * FARTHEST)).exp()
         };
         let (mut missing, mut sum) = (0.0, 0.0);
-        for gap in met.windows(2).filter(|pair| pair[1] - pair[0] > 1) {
-            let codes = gap[1] - gap[0] - 1;
-            let looked_at = codes.min(MOST_OF_A_GAP);
-            for k in 0..looked_at {
-                let code = gap[0] + 1 + k * codes / looked_at;
-                let often = count(code - reach, code).min(count(code + 1, code + 1 + reach));
+        for gap in met.windows(2) {
+            let times = |code| self.met.get(code).map_or(0.0, |n| *n as f64);
+            let (left, right, width) = (times(&gap[0]), times(&gap[1]), gap[1] - gap[0]);
+            for k in 1..width.min(MOST_OF_A_GAP) {
+                let often = (left * kept(k)).max(right * kept(width - k));
                 if often > THRESHOLD {
-                    let share = codes as f64 / looked_at as f64;
-                    (missing, sum) = (missing + share, sum + share * often);
+                    (missing, sum) = (missing + 1.0, sum + often);
                 }
             }
         }
