@@ -92,6 +92,13 @@ fn not_whole(entry: &Entry) -> Option<String> {
     }
 }
 
+/// A file beside the recordings that looks like one and is not read.
+#[derive(Clone, Debug, Serialize)]
+pub struct UnreadFile {
+    pub recording: String,
+    pub why: String,
+}
+
 /// How the run as a whole ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
@@ -114,6 +121,8 @@ pub struct Account {
     started: Instant,
     /// A row for each recording, and for each name that was given and not found.
     pub rows: Vec<Row>,
+    /// Files beside the recordings that look like such and are not read.
+    pub unread: Vec<UnreadFile>,
     /// Warnings and notes about recordings, counted by kind.
     pub warnings: Notes,
     pub notes: Notes,
@@ -165,6 +174,7 @@ struct Run<'a> {
     totals: &'a Totals,
     warnings: &'a [Note],
     notes: &'a [Note],
+    unread: &'a [UnreadFile],
     recordings: &'a [Row],
 }
 
@@ -174,6 +184,7 @@ impl Account {
             began: journal::now(),
             started: Instant::now(),
             rows: Vec::new(),
+            unread: Vec::new(),
             warnings: Notes::default(),
             notes: Notes::default(),
             annotated: 0,
@@ -244,6 +255,7 @@ impl Account {
             totals: &self.totals(),
             warnings: self.warnings.list(),
             notes: self.notes.list(),
+            unread: &self.unread,
             recordings: &self.rows,
         };
         let text = serde_json::to_string_pretty(&run)? + "\n";

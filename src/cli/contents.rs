@@ -46,6 +46,8 @@ pub struct Contents {
     pub bursts: u64,
     /// Number of unusable bursts by reason.
     pub unusable: BTreeMap<String, u64>,
+    /// What is wrong with the first message that could not be decoded.
+    undecodable: String,
     /// Damage of the file, which the caller adds.
     pub damage: Vec<Damage>,
 }
@@ -60,9 +62,16 @@ impl Contents {
         match acquisition {
             Acquisition::Usable(burst) => self.see_burst(burst),
             Acquisition::Unusable(u) => {
+                if self.undecodable.is_empty() {
+                    self.undecodable.clone_from(&u.what);
+                }
                 *self.unusable.entry(u.why.as_str().into()).or_default() += 1;
             }
         }
+    }
+
+    pub fn printheads(&self) -> Vec<&str> {
+        self.groups.keys().map(|(printhead, ..)| printhead.as_str()).collect()
     }
 
     /// Takes messages of another encoding off the number of messages that cannot be decoded: they
@@ -100,6 +109,9 @@ impl Contents {
         for (why, n) in &self.unusable {
             writeln!(out, "  unusable {} {why}", thousands(*n))?;
         }
+        if !self.undecodable.is_empty() {
+            writeln!(out, "           the first undecodable: {}", printable(&self.undecodable))?;
+        }
         Ok(())
     }
 
@@ -121,6 +133,7 @@ impl Contents {
             "groups": groups.collect::<Vec<_>>(),
             "bursts_of_further_printheads": self.beyond,
             "unusable": self.unusable,
+            "first_undecodable": Some(&self.undecodable).filter(|what| !what.is_empty()),
             "damage": self.damage,
             "whole": exit == Exit::Done,
         })

@@ -55,7 +55,9 @@ pub struct Args {
 /// read.
 pub fn run(args: Args) -> Result<Exit, Failure> {
     let settings = Settings::load(args.config.as_deref(), None, &[])?;
-    let inputs = inputs::find_recordings(&args.recordings)?;
+    let mut found = inputs::find_each_recording(&args.recordings)?;
+    let unread = std::mem::take(&mut found.unread);
+    let inputs = inputs::all_there(found)?;
     let dialects = checked_dialects(&settings, &inputs, |_| false)?;
     if let Some(file) = args.config.filter(|_| dialects.is_empty()) {
         let what = "there is no [[input.dialect]] in it, and nothing else of it has an effect here";
@@ -72,6 +74,9 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     let control = interruptible();
     let progress = Progress::through(&inputs);
     let mut exit = Exit::Done;
+    for (path, why) in &unread {
+        progress.fail(&format!("inkling: {}: {why}", printable(&path.to_string_lossy())));
+    }
     for input in &inputs {
         let looked = Recording::open_with(&input.path, Limits::default(), &dialects)
             .map_err(Failure::from)
@@ -134,7 +139,7 @@ fn one(
     });
     let damage = damage.map_err(|_| Failure::new("interrupted"))?;
     damage.into_iter().for_each(|damage| note(&mut contents.damage, damage));
-    let topics = topics::of(reader.topics());
+    let topics = topics::of(reader.topics(), &contents.printheads());
 
     // further damage is told by hashing the file, and by its statistics
     let digest = recording.digest().map_err(Failure::new)?;

@@ -81,6 +81,7 @@ impl Judged {
             odd_times: notes::odd_times(&report),
             damage: notes::damage(&report),
             warnings: notes::warnings(&report),
+            unread: notes::unread(&report),
             notes: notes::notes(&report),
             seconds: report.seconds,
             ..Entry::new(recording, by.clone(), report.outcome())

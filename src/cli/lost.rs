@@ -83,7 +83,7 @@ fn results_above(dir: &Path) -> Option<PathBuf> {
 /// Number of directories upwards in which a journal is looked for.
 const MOST_LEVELS: usize = 8;
 
-/// Recordings that the last run did not reach, as its account says.
+/// Recordings that the last run did not reach, and files that it did not read, as its account says.
 fn not_reached(out: &Path) -> Vec<LostRecording> {
     let account = if_there(regular_file::read(&out.join(RUN_NAME), MOST_RUN_BYTES));
     let account = match account {
@@ -91,14 +91,18 @@ fn not_reached(out: &Path) -> Vec<LostRecording> {
         Err(e) => return vec![unread(RUN_NAME, &e)],
     };
     let account: Value = serde_json::from_slice(&account).unwrap_or_default();
-    let rows = account["recordings"].as_array().into_iter().flatten();
-    let rows = rows.filter(|row| row["outcome"] == json!(Outcome::NotReached));
+    let rows = |key: &str| account[key].as_array().cloned().unwrap_or_default().into_iter();
+    let not_read = rows("unread").filter_map(|row| {
+        let text = |key: &str| row[key].as_str().map(str::to_owned);
+        Some(LostRecording { name: text("recording")?, why: text("why")? })
+    });
+    let rows = rows("recordings").filter(|row| row["outcome"] == json!(Outcome::NotReached));
     let lost = rows.filter_map(|row| {
         let why = row["why"].as_str().unwrap_or("the run ended before it");
         let name = row["recording"].as_str()?.to_owned();
         Some(LostRecording { name, why: format!("not reached: {why}") })
     });
-    lost.collect()
+    lost.chain(not_read).collect()
 }
 
 /// In the place of the recordings of which a file would have told.

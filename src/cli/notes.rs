@@ -105,8 +105,12 @@ pub fn warnings(report: &RecordingReport) -> Vec<CountedMessage> {
         (format!("window of {head} at {from}: "), refusal.why.clone())
     });
     let warned = report.warnings.iter().map(|(p, what)| (format!("{}: ", of(p)), what.clone()));
-    let unread = report.unread.iter().map(|of| (String::new(), of.what.clone()));
-    counted(refused.chain(warned).chain(unread))
+    counted(refused.chain(warned))
+}
+
+/// Sentences about what nothing reads though it looks like bursts.
+pub fn unread(report: &RecordingReport) -> Vec<CountedMessage> {
+    counted(report.unread.iter().map(|of| (String::new(), of.what.clone())))
 }
 
 /// Messages about what does not affect the verdicts that there are: a recording that was judged before it was

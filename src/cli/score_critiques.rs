@@ -7,6 +7,7 @@
 
 use super::exit::{Exit, Failure};
 use super::progress::complain;
+use inkling_io::file_error::FileError;
 use inkling_io::truth_file::{self, Seal};
 use inkling_io::{printable, regular_file};
 use inkling_lab::score::blind::{Blind, CritiqueAnswer};
@@ -51,7 +52,7 @@ fn read_critique(path: &str) -> Result<CritiqueAnswer, Failure> {
     let wrong = |what: String| Failure::new(format!("{path}: {what}"));
     let none = |what: String| wrong(format!("is no critique.json: {what}"));
     let bytes = regular_file::read(Path::new(path), regular_file::MOST_CRITIQUE_BYTES)
-        .map_err(|e| wrong(format!("cannot be read: {e}")))?;
+        .map_err(|e| Failure::new(FileError::unread(Path::new(path))(e)))?;
     let answer: CritiqueAnswer =
         serde_json::from_slice(&bytes).map_err(|e| none(printable::of_parser(&e)))?;
     answer.check().map_err(none)?;

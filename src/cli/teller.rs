@@ -11,7 +11,7 @@ use super::judge::{Judged, Run};
 use super::ledger::Stop;
 use super::notes::Notes;
 use super::output;
-use super::progress::{Progress, is_called};
+use super::progress::{Progress, first_few, is_called};
 use super::report::printable_path;
 use super::results::{self, ReadReport};
 use crate::report::print as print_report;
@@ -43,8 +43,11 @@ pub struct Teller<'a> {
 }
 
 impl Teller<'_> {
-    /// Tells the names that were given and not found.
+    /// Tells the names that were given and not found, and what lies beside the recordings and is not read.
     pub fn lost(&self) -> Result<(), Failure> {
+        let unread = self.account.unread.iter().map(|of| format!("{}: {}", of.recording, of.why));
+        first_few(unread, MOST_FAILURES, |more| format!("{more} files more are not read"))
+            .for_each(|line| self.fail(&line));
         for row in &self.account.rows {
             self.fail(&row.why);
             self.print_row(row, &Value::Null)?;
@@ -77,8 +80,10 @@ impl Teller<'_> {
             }
         };
         let Account { warnings, notes, .. } = &mut self.account;
-        // whoever asked for quiet is told, too: times decide what the verdicts are about
-        for message in entry.odd_times.iter().filter(|of| warnings.add(&label, of)) {
+        // whoever asked for quiet is told, too: times decide what the verdicts are about, and silence about what
+        // was not read would be taken for health
+        let always = entry.odd_times.iter().chain(&entry.unread);
+        for message in always.filter(|of| warnings.add(&label, of)) {
             self.progress.fail(&format!("inkling: {label}: {}", message.what));
         }
         for message in entry.damage.iter().chain(&entry.warnings) {

@@ -11,7 +11,8 @@ use super::progress::thousands;
 use super::report::printable;
 use crate::report::{Column, columns, three_digits};
 use inkling_io::census::{MessageKind, TopicSummary};
-use inkling_io::dialect::guess::{Proposal, guess, undecodable};
+use inkling_io::dialect::guess::{Proposal, guess};
+use inkling_io::dialect::unread::{Look, look};
 use inkling_io::printable as shown;
 use serde_json::{Value, json};
 use std::io::{self, Write};
@@ -26,14 +27,25 @@ const MOST_NAME: usize = 120;
 /// What is told of the topics of one recording.
 pub struct Topics {
     topics: Vec<TopicSummary>,
+    /// Of each of them why nothing can read it though it is called like bursts.
+    unread: Vec<Option<String>>,
     /// Proposed dialects, one for all topics of a kind.
     pub proposals: Vec<Proposal>,
 }
 
-/// The topics that a reader has counted, with proposals.
-pub fn of(topics: Vec<TopicSummary>) -> Topics {
+/// The topics that a reader has counted, with proposals. `printheads`: those that were met.
+pub fn of(topics: Vec<TopicSummary>, printheads: &[&str]) -> Topics {
     let proposals = proposals(&topics);
-    Topics { topics, proposals }
+    let unread = |of: &TopicSummary| unread(of, printheads);
+    Topics { unread: topics.iter().map(unread).collect(), topics, proposals }
+}
+
+/// Why nothing can read a topic that is called like bursts.
+fn unread(summary: &TopicSummary, printheads: &[&str]) -> Option<String> {
+    let is_open = summary.messages > 0 && matches!(summary.kind, MessageKind::Nothing);
+    let message = (summary.first_message.as_ref(), summary.largest);
+    let look = look(&summary.written().filter(|_| is_open)?, message, printheads.iter().copied());
+    if let Look::Undecodable(why) = look { Some(why) } else { None }
 }
 
 /// Proposes a dialect for each kind of messages that is not read yet. Topics are of one kind if schema,
@@ -88,10 +100,10 @@ impl Topics {
                 Column::Number("bytes each", 20),
                 Column::Last("schema"),
             ];
-            let of_topic = listed.iter().map(|summary| {
+            let of_topic = listed.iter().zip(&self.unread).map(|(summary, unread)| {
                 let rate = summary.rate_hz().map(|hz| format!("{} Hz", three_digits(hz)));
                 let rate = rate.unwrap_or_else(|| "-".into());
-                let schema = schema(summary) + &becomes(summary);
+                let schema = schema(summary) + &becomes(summary, unread.as_deref());
                 [topic(summary), thousands(summary.messages), rate, sizes(summary), schema]
             });
             columns(out, heads, of_topic)?;
@@ -105,7 +117,8 @@ impl Topics {
 
     /// Adds the topics and proposals to the document of `--json`.
     pub fn describe(&self, document: &mut Value) {
-        let topics = self.topics.iter().take(MOST_LISTED).map(|summary| {
+        let topics = self.topics.iter().zip(&self.unread).take(MOST_LISTED);
+        let topics = topics.map(|(summary, unread)| {
             json!({
                 "topic": summary.topic,
                 "schema": summary.schema_name,
@@ -123,6 +136,7 @@ impl Topics {
                     MessageKind::OtherEncoding => "bursts_of_other_encoding",
                     MessageKind::Nothing => "nothing",
                 },
+                "unread": unread,
             })
         });
         document["topics"] = topics.collect();
@@ -172,26 +186,19 @@ fn sizes(summary: &TopicSummary) -> String {
     }
 }
 
-/// The name of a topic's schema, with the encoding of its messages and, if it is another one, of
-/// its schema.
+/// The name of a topic's schema, with its encodings.
 fn schema(summary: &TopicSummary) -> String {
-    let short = |text: &str| shown::line(text, MOST_NAME);
-    let name = if summary.without_schema { "none".into() } else { short(&summary.schema_name) };
-    let [message, schema] = [&summary.message_encoding, &summary.schema_encoding];
-    match schema == message || summary.without_schema {
-        true => format!("{name} ({})", short(message)),
-        false => format!("{name} ({}, {})", short(message), short(schema)),
-    }
+    let name = &summary.schema_name;
+    let name = if summary.without_schema { "none".into() } else { shown::line(name, MOST_NAME) };
+    format!("{name} ({})", summary.encoding())
 }
 
-/// What a topic's messages are read as, if there is something to say.
-fn becomes(summary: &TopicSummary) -> String {
+/// What a topic's messages are read as, if there is something to say. `unread`: why they cannot be.
+fn becomes(summary: &TopicSummary, unread: Option<&str>) -> String {
     match &summary.kind {
         MessageKind::Bursts => String::new(),
         MessageKind::Nothing => {
-            let first = summary.written().zip(summary.first_message.as_ref());
-            let why = first.and_then(|(written, message)| undecodable(&written, message));
-            why.map_or(String::new(), |why| format!("; {}", shown::line(&why, 400)))
+            unread.map_or(String::new(), |why| format!("; {}", shown::line(why, 400)))
         }
         MessageKind::Foreign(_) => "; read by a dialect".into(),
         MessageKind::Unread(why) => format!("; {}", shown::line(why, 400)),

@@ -20,6 +20,7 @@ use super::run::Replay;
 use super::tally::{PrintheadTally, Tally};
 use super::timings::{PhaseTiming, StageTiming};
 use crate::settings::Settings;
+use inkling_core::burst::UnusableBurst;
 use inkling_core::episodes::Untimely;
 use inkling_core::state::Memory;
 use inkling_core::verdict::Reason;
@@ -157,19 +158,35 @@ pub fn note_not_judged(
     }
 
     let ignored = settings.input.ignored();
-    let topics = recording.unread(&settings.input.dialects()).into_iter();
+    let printheads: Vec<&str> = tally.printheads.keys().map(|name| &**name).collect();
+    let topics = recording.unread(&settings.input.dialects(), &printheads).into_iter();
     for topic in topics.filter(|topic| !ignored.has(&topic.topic)).take(MOST_NAMED) {
         // topics that a dialect nearly fits count as not judged; the others are only told of
         let list = if topic.by_dialect { &mut all } else { &mut report.unread };
         list.push(nobody_reads(topic));
     }
+    let unusable = tally.counts.unusable_bursts;
+    if unusable > 0
+        && let Some(first) = recording.first_unusable()
+    {
+        report.unread.push(no_burst(unusable, &first));
+    }
     report.not_judged = all;
 }
 
+/// The sentence about messages of which none is a burst.
+fn no_burst(unusable: u64, first: &UnusableBurst) -> NotJudged {
+    let UnusableBurst { printhead, why, what, .. } = first;
+    let of = if printhead.is_empty() { "".into() } else { format!(" of {printhead}") };
+    let what =
+        format!("{unusable} messages are no bursts; the first{of} is {}: {what}", why.as_str());
+    NotJudged { signals: unusable, what, ..NotJudged::default() }
+}
+
 fn nobody_reads(of: UnreadChannel) -> NotJudged {
-    let UnreadChannel { topic, schema, messages, by_dialect, undecodable } = of;
+    let UnreadChannel { topic, schema, encoding, messages, by_dialect, undecodable } = of;
     let messages = messages.map_or(String::new(), |n| format!("{n} "));
-    let schema = if schema.is_empty() { String::new() } else { format!(" of {schema}") };
+    let schema = if schema.is_empty() { "".into() } else { format!(" of {schema}") };
     let why = match (by_dialect, undecodable) {
         (true, _) => "look like those that [[input.dialect]] reads, and its topic or its schema does not fit: \
              nobody judged them. Let it fit"
@@ -178,12 +195,11 @@ fn nobody_reads(of: UnreadChannel) -> NotJudged {
              [[input.dialect]]. Add it"
             .to_owned(),
         (false, Some(why)) => format!(
-            "are called like bursts, and nothing can read them: {why}. Convert them (`rosbags-convert` makes \
-             ROS 2 of ROS 1)"
+            "are called like bursts, and nothing can read them: {why}"
         ),
     };
     let what = format!(
-        "topic {topic}: its {messages}messages{schema} {why}, or say that they are not meant: --set \
+        "topic {topic}: its {messages}messages{schema} ({encoding}) {why}, or say that they are not meant: --set \
          'input.ignore=[\"{topic}\"]'"
     );
     NotJudged { topic: Some(topic), what, ..NotJudged::default() }
@@ -265,6 +281,9 @@ fn why(name: &str, head: &PrintheadTally, judges: &Judges, refusals: &[Refusal])
         ),
         (Reason::DesignMismatch | Reason::NoModel, _, Some(refusal)) => {
             format!("{says}: {}", refusal.why)
+        }
+        (Reason::Saturated, ..) => {
+            format!("{says}: these are input.rails, by default those of 16 bits")
         }
         _ => says,
     }

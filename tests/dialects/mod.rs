@@ -1,6 +1,7 @@
 //! Recordings of others are judged as ours are, or it is said what is wrong and what there is.
 
 mod hostile;
+mod proposals;
 mod tables;
 pub mod writers;
 
@@ -258,13 +259,15 @@ fn messages_that_cannot_be_read_are_rows_and_the_others_are_judged() {
     assert!((42..62).all(|log_time| rows.contains_key(&(log_time, "second head".into(), 0))));
 }
 
-/// As Python writes them, and what overflows.
+/// As Python writes them, what overflows, and what instruments write.
 #[test]
 fn numbers_that_json_does_not_have_cost_their_channel_alone() {
     let house = House::new();
     let bursts = some(0, 10);
     let mut messages = Messages::default();
-    for (burst, word) in bursts.iter().zip(["NaN", "-Infinity", "1e400", "null"].iter().cycle()) {
+    for (burst, word) in
+        bursts.iter().zip(["NaN", "-Infinity", "1e400", "null", "9.9e37"].iter().cycle())
+    {
         let text = String::from_utf8((json().encode)(burst)).unwrap();
         let (before, row) = text.split_once("\"samples\":[[").unwrap();
         let (_, rest) = row.split_once(',').unwrap();
@@ -279,9 +282,10 @@ fn numbers_that_json_does_not_have_cost_their_channel_alone() {
     assert_eq!(counts["rejected"], serde_json::json!({"non_finite": 10}));
 }
 
-/// Only their names tell that they may be bursts.
+/// Only names tell that they may be bursts, of the topic or the schema, or of a printhead; or that each message
+/// is compressed.
 #[test]
-fn topics_that_nothing_can_read_are_told_if_they_are_called_like_bursts() {
+fn topics_that_nothing_can_read_are_told_with_quiet_too_if_they_are_called_like_bursts() {
     let of = |schema_name, schema_encoding, message_encoding| Written {
         schema_name,
         schema_encoding,
@@ -300,6 +304,13 @@ fn topics_that_nothing_can_read_are_told_if_they_are_called_like_bursts() {
         (of("acme_msgs/Ring", "ros1msg", "ros1"), "/k-2", "encoding \"ros1\" are not read"),
         (of("acme_msgs/msg/Data", "ros2idl", "cdr"), "/k-2/burst", "not by \"ros2idl\""),
         (of("acme_msgs/msg/RingDown", "ros2msg", "cdr"), "/k-2", "not what its schema says"),
+        (
+            of("acme.Data", "flatbuffer", "flatbuffer"),
+            "/line/black-2/adc",
+            "\"flatbuffer\" are not",
+        ),
+        (compressed(of("acme_msgs/msg/Data", "ros2msg", "cdr")), "/k-2", "by itself (zstd)"),
+        (compressed(of("acme.Data", "jsonschema", "json")), "/k-2", "by itself (zstd)"),
     ] {
         let house = House::new();
         let mut both = Messages::default();
@@ -311,12 +322,78 @@ fn topics_that_nothing_can_read_are_told_if_they_are_called_like_bursts() {
         }
         house.write("both.mcap", both.finish());
         let told = format!("topic {topic}: its 6 messages of {}", written.schema_name);
-        let ended = replay(&house, "both.mcap", "").exits(0).says(&told).says(says);
+        let ended = replay(&house, "both.mcap", "-q").exits(0).says(&told).says(says);
+        let account = house.read_json("out/run.json");
+        assert!(account["warnings"][0]["what"].as_str().unwrap().starts_with(&told), "{account}");
         assert!(!ended.stderr().contains("/k-2/log"), "{}", ended.stderr());
         house.run("inspect both.mcap").exits(0).says(says);
         let summary = house.read_json("out/both.summary.json");
         assert_eq!(summary["unread"][0]["topic"], topic);
     }
+}
+
+/// Messages of which each is compressed.
+fn compressed(of: Written) -> Written {
+    Written { encode: |burst| zstd::bulk::compress(&burst.samples, 1).unwrap(), ..of }
+}
+
+#[test]
+fn what_cannot_be_decoded_is_told_with_field_and_value() {
+    for (from, to, says) in [
+        ("\"sec\":", "\"sec\":\"late\",\"x\":", "header.stamp: no seconds and"),
+        ("\"period\":", "\"period\":\"fast\",\"x\":", "period: \"fast\" is no number"),
+        ("\"channels\":", "\"channels\":-3,\"x\":", "channels: -3 is no whole number of 0 or more"),
+        ("\"samples\":[[", "\"samples\":[[1],[", "samples: what it holds is no array of numbers"),
+        ("{", "[", "no JSON: "),
+        ("\"channels\":", "\"channels\":7,\"x\":", "wrong_length: its "),
+    ] {
+        let house = House::new();
+        let mut messages = Messages::default();
+        for (n, burst) in some(0, 10).iter().enumerate() {
+            let mut text = String::from_utf8((json().encode)(burst)).unwrap();
+            if n > 3 {
+                text = text.replacen(from, to, 1);
+            }
+            messages.add(&json(), "/heads/K/burst", 1, text.as_bytes());
+        }
+        house.write("r.mcap", messages.finish());
+        house.write("s.toml", JSON);
+        let ended = replay(&house, "r.mcap", "--config s.toml -q");
+        ended.says("6 messages are no bursts; the first of K is ").says(says);
+        house.run("inspect r.mcap --config s.toml").says(says);
+    }
+}
+
+#[test]
+fn files_beside_recordings_that_look_like_such_are_told_until_they_were_judged() {
+    let house = House::new();
+    for name in ["a.mcap", "b.MCAP", "c.mcap"] {
+        house.record(&format!("in/{name}"), &some(0, 3));
+    }
+    for name in ["d.mcap.zst", "e.bag", "f_0.db3", "notes.txt", "a.mcap.gz"] {
+        house.write(&format!("in/{name}"), "whatever");
+    }
+    let ended = replay(&house, "in", "-q").exits(0);
+    let ended = ended.says("d.mcap.zst: compressed, and not read: `zstd -d` first");
+    let ended = ended.says("e.bag: a bag of ROS 1").says("f_0.db3: a bag of ROS 2");
+    let told = ended.stderr();
+    assert!(
+        !told.contains("notes") && !told.contains("a.mcap.gz"),
+        "what lies beside it as it was: {told}"
+    );
+    let account = house.read_json("out/run.json");
+    assert_eq!(account["unread"].as_array().unwrap().len(), 3);
+    assert_eq!(account["totals"]["judged"], 3);
+    house.run("inspect in").exits(0).says("d.mcap.zst: compressed");
+    house.ok("report out -o r.html");
+    assert!(house.text("r.html").contains("d.mcap.zst"), "the page says so");
+    // who compresses what was judged is told of it no more
+    std::fs::rename(house.path("in/c.mcap"), house.path("in/c.mcap.lz4")).unwrap();
+    let told = replay(&house, "in", "-q").exits(0).stderr();
+    assert!(told.contains("d.mcap.zst") && !told.contains("c.mcap"), "{told}");
+    house.run("inspect in/d.mcap.zst").exits(1).says("not an MCAP file");
+    house.write("in/g.mcap.zst", [0x28, 0xb5, 0x2f, 0xfd, 0, 0, 0, 0]);
+    house.run("inspect in/g.mcap.zst").exits(1).says("compressed by zstd (decompress it first)");
 }
 
 /// With the feature: `tests/object_stores.py`.

@@ -232,6 +232,8 @@ pub struct UnusableBurst {
     pub first_channel: u32,
     /// One of the reasons that are of a whole burst ([`Reason::is_of_burst`]).
     pub why: Reason,
+    /// Which field is wrong, and its value, where a message could not be decoded; else empty.
+    pub what: String,
 }
 
 #[derive(Clone, Debug)]

@@ -45,6 +45,25 @@ pub fn topic_printhead(topic: &str) -> Option<&str> {
     topic.strip_prefix("/printhead/")?.strip_suffix("/bursts")
 }
 
+/// Why a message is no burst.
+pub(super) struct NoBurst {
+    pub why: Reason,
+    /// What is wrong, with field and value, where it could not be decoded; else empty.
+    pub what: String,
+}
+
+impl NoBurst {
+    pub fn undecodable(what: impl Into<String>) -> NoBurst {
+        NoBurst { why: Reason::Undecodable, what: what.into() }
+    }
+}
+
+impl From<Reason> for NoBurst {
+    fn from(why: Reason) -> NoBurst {
+        NoBurst { why, what: String::new() }
+    }
+}
+
 #[derive(Debug)]
 pub struct BurstDecoder {
     limits: Limits,
@@ -56,7 +75,8 @@ pub struct BurstDecoder {
 /// the topic's printhead for its name, and channel 0 for the first channel.
 pub(super) fn unread(log_time_ns: i64, topic_printhead: &Arc<str>, why: Reason) -> UnusableBurst {
     let printhead = topic_printhead.clone();
-    UnusableBurst { t_acq_ns: log_time_ns, printhead, first_channel: 0, why }
+    let t_acq_ns = log_time_ns;
+    UnusableBurst { t_acq_ns, printhead, first_channel: 0, why, what: String::new() }
 }
 
 /// Puts the printhead that a message names into the head. An empty name, or one longer than
@@ -93,18 +113,23 @@ impl BurstDecoder {
         let mut head = unread(log_time_ns, topic_printhead, Reason::Undecodable);
         match self.burst(message, &mut head) {
             Ok(burst) => Acquisition::Usable(burst),
-            Err(why) => Acquisition::Unusable(UnusableBurst { why, ..head }),
+            Err(NoBurst { why, what }) => {
+                Acquisition::Unusable(UnusableBurst { why, what, ..head })
+            }
         }
     }
 
-    fn burst(&mut self, message: Bytes, head: &mut UnusableBurst) -> Result<Burst, Reason> {
+    fn burst(&mut self, message: Bytes, head: &mut UnusableBurst) -> Result<Burst, NoBurst> {
         self.message.clear();
-        self.message.merge(message).map_err(|_| Reason::Undecodable)?;
+        self.message.merge(message).map_err(|e| NoBurst::undecodable(e.to_string()))?;
         let message = &mut self.message;
         head.first_channel = message.first_channel;
         // Without a time a burst has no place among the others, so it counts as undecodable.
-        let t_acq_ns = message.timestamp.as_ref().and_then(nanoseconds);
-        head.t_acq_ns = t_acq_ns.ok_or(Reason::Undecodable)?;
+        let stamp = message.timestamp.ok_or_else(|| NoBurst::undecodable("it has no timestamp"))?;
+        head.t_acq_ns = nanoseconds(&stamp).ok_or_else(|| {
+            let prost_types::Timestamp { seconds, nanos } = stamp;
+            NoBurst::undecodable(format!("timestamp: {seconds} s and {nanos} ns are no time"))
+        })?;
         take_name(head, &message.printhead, &mut self.names)?;
 
         // covariates of the wrong number belong to no channel: they are dropped, the burst stays
@@ -136,18 +161,21 @@ impl BurstDecoder {
             idle_time_s,
             neighbours_fired,
         };
-        check(&burst, &self.limits).map(|()| burst)
+        check(&burst, &self.limits)?;
+        Ok(burst)
     }
 }
 
 /// Checks that the numbers of a burst fit each other, its samples and the limits, before anything
 /// else looks at the samples.
-pub(super) fn check(of: &Burst, limits: &Limits) -> Result<(), Reason> {
+pub(super) fn check(of: &Burst, limits: &Limits) -> Result<(), NoBurst> {
+    let Burst { channels, samples_per_channel, sample_period_s, .. } = of;
     if of.channels == 0 {
-        return Err(Reason::NoChannels);
+        return Err(Reason::NoChannels.into());
     }
     if !(of.sample_period_s.is_finite() && of.sample_period_s > 0.0) {
-        return Err(Reason::BadPeriod);
+        let what = format!("its sample period is {sample_period_s} s");
+        return Err(NoBurst { why: Reason::BadPeriod, what });
     }
     // u128: the product of three claimed numbers must not overflow
     let samples = u64::from(of.channels) * u64::from(of.samples_per_channel);
@@ -158,10 +186,15 @@ pub(super) fn check(of: &Burst, limits: &Limits) -> Result<(), Reason> {
         || bytes > u128::from(limits.samples_bytes)
         || of.first_channel.checked_add(of.channels - 1).is_none()
     {
-        return Err(Reason::TooLarge);
+        let what = format!("it says {channels} channels of {samples_per_channel} samples");
+        return Err(NoBurst { why: Reason::TooLarge, what });
     }
     if of.samples_per_channel == 0 || bytes != of.samples.len() as u128 {
-        return Err(Reason::WrongLength);
+        let there = of.samples.len() / of.format.bytes();
+        let what = format!(
+            "it has {there} samples, and says {channels} channels of {samples_per_channel}"
+        );
+        return Err(NoBurst { why: Reason::WrongLength, what });
     }
     Ok(())
 }

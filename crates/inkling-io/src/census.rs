@@ -11,6 +11,7 @@ pub use super::channels::MessageKind;
 use super::channels::{Channel, Channels, KnownSchema};
 use super::dialect::plan::{ChannelDescription, Schema};
 use super::mcap_records::MessageHeader;
+use super::printable;
 use bytes::Bytes;
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -81,6 +82,17 @@ impl TopicSummary {
             message_encoding: &self.message_encoding,
             schema: self.schema.as_deref(),
         })
+    }
+
+    /// The encodings of its messages and of its schema, if that is another one, such as `cdr, ros2msg`.
+    pub fn encoding(&self) -> String {
+        const MOST_OF_A_NAME: usize = 120;
+        let short = |text: &str| printable::line(text, MOST_OF_A_NAME);
+        let [message, schema] = [&self.message_encoding, &self.schema_encoding].map(|of| short(of));
+        match schema == message || self.without_schema {
+            true => message,
+            false => format!("{message}, {schema}"),
+        }
     }
 
     /// Messages per second, by log times. `None`: fewer than two messages, or all at one time.

@@ -5,17 +5,17 @@
 //! Out: [`Input`]s, each file once, and a reason for every name that means no file. Files that are
 //! still being written (`.part`) and annotations are never found by a search.
 
-use super::dialect::matcher;
+use super::file_error::meant;
+use super::input_pattern::{Pattern, WILDCARDS, glob, pattern};
 use super::objects::{self, in_object_store};
 use super::regular_file::if_there;
 use super::result_file::ResultFile;
-use globset::GlobMatcher;
-use inkling_core::labels::nearest;
+use super::unread_file;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 use std::fmt::Display;
 use std::io::ErrorKind;
-use std::path::{Component, Path, PathBuf};
+use std::path::{Path, PathBuf};
 use thiserror::Error;
 use walkdir::WalkDir;
 
@@ -39,7 +39,7 @@ impl InputsError {
         InputsError { subject: subject.to_string(), message, is_usage: false }
     }
 
-    fn missing(path: &Path) -> InputsError {
+    pub(super) fn missing(path: &Path) -> InputsError {
         let (name, meant) = (path.display(), meant(path));
         InputsError::usage(&name, format!("{name}: no such file or directory{meant}"))
     }
@@ -49,27 +49,8 @@ impl InputsError {
         InputsError::failed(&path, format!("{path}: cannot be searched: {what}"))
     }
 
-    fn bad_pattern(pattern: &str, what: impl Display) -> InputsError {
+    pub(super) fn bad_pattern(pattern: &str, what: impl Display) -> InputsError {
         InputsError::usage(pattern, format!("\"{pattern}\" is {what}"))
-    }
-}
-
-/// A name with one of these characters is a pattern, unless a file or directory is called so.
-const WILDCARDS: [char; 4] = ['*', '?', '[', '{'];
-/// At most so many names of a directory are compared with a name that does not exist.
-const MOST_SIBLINGS: usize = 10_000;
-
-/// The end of an error about a missing file, such as `; did you mean night.mcap?`.
-fn meant(path: &Path) -> String {
-    let beside = path.parent().filter(|dir| !dir.as_os_str().is_empty());
-    let there = std::fs::read_dir(beside.unwrap_or(Path::new("."))).into_iter().flatten();
-    let there =
-        there.flatten().take(MOST_SIBLINGS).map(|of| of.file_name().to_string_lossy().into_owned());
-    let there: Vec<String> = there.collect();
-    let name = path.file_name().unwrap_or_default().to_string_lossy();
-    match nearest(&name, there.iter().map(String::as_str)).first() {
-        Some(near) => format!("; did you mean {}?", path.with_file_name(near).display()),
-        None => String::new(),
     }
 }
 
@@ -87,6 +68,8 @@ pub struct Input {
 pub struct FoundInputs {
     pub inputs: Vec<Input>,
     pub lost: Vec<InputsError>,
+    /// Files in searched directories that look like recordings and are not read, with their names and why.
+    pub unread: Vec<(PathBuf, String)>,
 }
 
 /// It is an error if a name stands for nothing, or if a directory below one cannot be searched.
@@ -97,7 +80,7 @@ pub fn find_recordings(named: &[String]) -> Result<Vec<Input>, InputsError> {
 /// Finds recordings like `find_recordings`, but a name that stands for nothing is returned beside
 /// the others. It is an error only if all names stand for nothing.
 pub fn find_each_recording(named: &[String]) -> Result<FoundInputs, InputsError> {
-    find(named, ".mcap", "*.mcap files")
+    find(named, RECORDING, "*.mcap files")
 }
 
 /// Finds verdict tables (`*.verdicts.parquet`) like `find_recordings`.
@@ -105,7 +88,8 @@ pub fn find_verdicts(named: &[String]) -> Result<Vec<Input>, InputsError> {
     all_there(find(named, ".verdicts.parquet", "*.verdicts.parquet files")?)
 }
 
-fn all_there(found: FoundInputs) -> Result<Vec<Input>, InputsError> {
+/// The inputs, or the first reason why one is lost.
+pub fn all_there(found: FoundInputs) -> Result<Vec<Input>, InputsError> {
     found.lost.into_iter().next().map_or(Ok(found.inputs), Err)
 }
 
@@ -113,6 +97,10 @@ fn all_there(found: FoundInputs) -> Result<Vec<Input>, InputsError> {
 /// that a search finds must end; `what`: these files in words, for errors.
 fn find(named: &[String], ending: &str, what: &'static str) -> Result<FoundInputs, InputsError> {
     let nothing = |searched: &str| format!("nothing found: searched {searched} for {what}");
+    let only = |found: &FoundInputs| match found.unread.first() {
+        Some((path, why)) => format!("; there is {}: {why}", path.display()),
+        None => String::new(),
+    };
     let mut all = FoundInputs::default();
     let mut seen = BTreeSet::new();
     for name in named {
@@ -120,9 +108,9 @@ fn find(named: &[String], ending: &str, what: &'static str) -> Result<FoundInput
         if found.inputs.is_empty() && found.lost.is_empty() {
             let message = match name.contains(WILDCARDS) && !Path::new(name).is_dir() {
                 true => format!("nothing found: no file fits {name}"),
-                false => nothing(name),
+                false => nothing(name) + &only(&found),
             };
-            found = FoundInputs::without(InputsError::failed(name, message));
+            found.lost.push(InputsError::failed(name, message));
         }
         for input in found.inputs {
             // links and detours lead to the same file
@@ -132,6 +120,7 @@ fn find(named: &[String], ending: &str, what: &'static str) -> Result<FoundInput
             }
         }
         all.lost.append(&mut found.lost);
+        all.unread.append(&mut found.unread);
     }
 
     if !all.inputs.is_empty() {
@@ -153,7 +142,8 @@ fn find_one(name: &str, ending: &str) -> Result<FoundInputs, InputsError> {
         return find_objects(name, ending);
     }
     if path.is_dir() {
-        return Ok(search(path, usize::MAX, |p| name_ends(p, ending)));
+        let looked_at = |p: &Path| name_ends(p, ending) || unread(p, ending).is_some();
+        return Ok(search(path, usize::MAX, looked_at).without_unread(ending));
     }
     match path.symlink_metadata() {
         Ok(_) => return Ok(FoundInputs::only(path)),
@@ -199,28 +189,51 @@ fn find_objects(name: &str, ending: &str) -> Result<FoundInputs, InputsError> {
     let is_other = |p: &Path| name_ends(p, ".part") || name_ends(p, ANNOTATIONS);
     let wanted = |p: &Path| match &matcher {
         Some(glob) => glob.is_match(p) && !is_other(p),
-        None => name_ends(p, ending) && !is_other(p),
+        None => (name_ends(p, ending) || unread(p, ending).is_some()) && !is_other(p),
     };
 
     let found = objects::list(root).map_err(failed)?;
     let inputs = found.iter().filter(|p| wanted(p)).map(|p| input_below(root, p)).collect();
     match found.is_empty() && matcher.is_none() {
         true => Err(InputsError::missing(path)),
-        false => Ok(FoundInputs { inputs, lost: Vec::new() }),
+        false => {
+            let found = FoundInputs { inputs, ..FoundInputs::default() };
+            Ok(if matcher.is_some() { found } else { found.without_unread(ending) })
+        }
     }
+}
+
+/// Why a file is not read though it looks like a recording, where recordings are searched.
+fn unread(path: &Path, ending: &str) -> Option<String> {
+    let name = path.file_name()?.to_string_lossy();
+    unread_file::beside(&name).filter(|_| ending == RECORDING)
 }
 
 impl FoundInputs {
     fn only(path: &Path) -> FoundInputs {
         let inputs = vec![Input { path: path.into(), below: PathBuf::new() }];
-        FoundInputs { inputs, lost: Vec::new() }
+        FoundInputs { inputs, ..FoundInputs::default() }
+    }
+
+    /// Puts aside what looks like recordings and is not read.
+    fn without_unread(self, ending: &str) -> FoundInputs {
+        let (mut inputs, mut aside) = (Vec::new(), Vec::new());
+        for input in self.inputs {
+            match unread(&input.path, ending) {
+                Some(why) => aside.push((input.path, why)),
+                None => inputs.push(input),
+            }
+        }
+        FoundInputs { inputs, unread: aside, ..self }
     }
 
     fn without(lost: InputsError) -> FoundInputs {
-        FoundInputs { inputs: Vec::new(), lost: vec![lost] }
+        FoundInputs { lost: vec![lost], ..FoundInputs::default() }
     }
 }
 
+/// How the names of recordings end.
+const RECORDING: &str = ".mcap";
 /// How the names of the files end that `replay --annotate` writes.
 const ANNOTATIONS: &str = ".annotations.mcap";
 
@@ -229,7 +242,7 @@ fn is_annotation(path: &Path) -> bool {
 }
 
 fn name_ends(path: &Path, ending: &str) -> bool {
-    path.file_name().is_some_and(|n| n.to_string_lossy().ends_with(ending))
+    path.file_name().is_some_and(|n| n.to_string_lossy().to_lowercase().ends_with(ending))
 }
 
 fn input_below(root: &Path, path: &Path) -> Input {
@@ -264,45 +277,6 @@ fn search(root: &Path, depth: usize, wanted: impl Fn(&Path) -> bool) -> FoundInp
     found
 }
 
-struct Pattern {
-    /// The directory that the pattern begins with, up to the first part with a wildcard.
-    root: PathBuf,
-    /// How many levels below `root` a file that fits may lie.
-    depth: usize,
-    matcher: GlobMatcher,
-}
-
-/// Parses a pattern. `.` parts and doubled slashes, which mean nothing in a path, are left out.
-fn pattern(text: &str) -> Result<Pattern, InputsError> {
-    if text.ends_with('/') {
-        let what = "no valid pattern: it ends in a slash, and a pattern stands for files";
-        return Err(InputsError::bad_pattern(text, what));
-    }
-    let parts = || Path::new(text).components().filter(|c| *c != Component::CurDir);
-    let whole: PathBuf = parts().collect();
-    let matcher = glob(&whole.to_string_lossy())?;
-    let literal = |c: &Component| !c.as_os_str().to_string_lossy().contains(WILDCARDS);
-    let root: PathBuf = parts().take_while(literal).collect();
-    // `**` fits any number of directories, and so may braces around a slash: `{a,b/c}`
-    let of_any_depth = |c: Component| {
-        let part = c.as_os_str().to_string_lossy();
-        part.contains("**") || part.matches('{').count() != part.matches('}').count()
-    };
-    let depth = match parts().any(of_any_depth) {
-        true => usize::MAX,
-        false => parts().skip_while(literal).count(),
-    };
-    let root = if root.as_os_str().is_empty() { PathBuf::from(".") } else { root };
-    if !root.exists() {
-        return Err(InputsError::missing(&root));
-    }
-    Ok(Pattern { root, depth, matcher })
-}
-
-fn glob(text: &str) -> Result<GlobMatcher, InputsError> {
-    matcher(text).map_err(|what| InputsError::bad_pattern(text, what))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -311,7 +285,15 @@ mod tests {
     fn tree() -> tempfile::TempDir {
         let dir = tempfile::tempdir().unwrap();
         std::fs::create_dir_all(dir.path().join("a/b")).unwrap();
-        for name in ["a/x.mcap", "a/b/x.mcap", "a/y.txt", "a/z.mcap.part", "c.mcap"] {
+        for name in [
+            "a/x.mcap",
+            "a/b/x.MCAP",
+            "a/y.txt",
+            "a/z.mcap.part",
+            "c.mcap",
+            "a/w.mcap.zst",
+            "a/b/v.bag",
+        ] {
             std::fs::write(dir.path().join(name), "").unwrap();
         }
         dir
@@ -329,7 +311,8 @@ mod tests {
             (&["a", "a/x.mcap"], 2),
             (&["a/b/.."], 2), // a directory by a detour
             (&["a/*.mcap"], 1),
-            (&["**/*.mcap"], 3),
+            (&["**/*.[mM][cC][aA][pP]"], 3),
+            (&["a/*"], 3), // what a pattern names is meant
             (&["a//*.mcap"], 1),
             (&["a/./*.mcap"], 1),
             (&["a/[x].mcap"], 1),
@@ -339,6 +322,12 @@ mod tests {
             let found = find_recordings(&paths(dir.path(), names)).unwrap();
             assert_eq!(found.len(), files, "{names:?}");
         }
+        let found = find_each_recording(&paths(dir.path(), &["."])).unwrap();
+        let unread: Vec<_> = found.unread.iter().filter_map(|(path, _)| path.file_name()).collect();
+        assert_eq!(
+            (found.inputs.len(), unread),
+            (3, vec!["v.bag".as_ref(), "w.mcap.zst".as_ref()])
+        );
         let none = find_recordings(&paths(dir.path(), &["a/*.log"])).unwrap_err();
         assert!(!none.is_usage && none.to_string().contains("no file fits"), "{none}");
     }

@@ -137,6 +137,9 @@ pub struct Entry {
     pub damage: Vec<CountedMessage>,
     /// What else the user was warned of.
     pub warnings: Vec<CountedMessage>,
+    /// What looks like bursts and was not read.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub unread: Vec<CountedMessage>,
     /// What the user should know although nothing is wrong.
     pub notes: Vec<CountedMessage>,
     pub seconds: f64,

@@ -8,25 +8,28 @@ use super::block::Block;
 use super::block_reader::BlockReader;
 use super::census::{MessageKind, TopicSummary};
 use super::damage::RecordingError;
-use super::dialect::Dialects;
-use super::dialect::guess;
+use super::dialect::unread::{Look, look};
+use super::dialect::{Dialects, dimensions};
 use super::mcap_summary::MOST_OF_A_NAME;
 use super::printable;
 use super::recording::Recording;
+use inkling_core::burst::{Acquisition, UnusableBurst};
 use std::collections::BTreeSet;
 
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct UnreadChannel {
     pub topic: String,
     pub schema: String,
+    /// The encodings of its messages and of its schema, such as `cdr, ros2idl`.
+    pub encoding: String,
     /// Messages by the statistics; `None`: the file does not say, or it has more than 64 such
     /// topics.
     pub messages: Option<u64>,
     /// Whether a dialect would read the channel under another topic or schema name: then a name is
     /// probably mistyped.
     pub by_dialect: bool,
-    /// Why no dialect can ever read it: its encoding, or messages that are not what their schema
-    /// says. Then only the names of the channel look like bursts.
+    /// Why no dialect can read it, such as its encoding. Then only names of the channel look like bursts, or
+    /// each message is compressed.
     pub undecodable: Option<String>,
 }
 
@@ -76,6 +79,7 @@ impl Recording {
                 (MessageKind::Unread(why), _) => Err(why.to_string()),
                 (MessageKind::Foreign(plan), Some(message)) => plan
                     .check_message(message)
+                    .and_then(|()| dimensions::contradiction(plan, message).map_or(Ok(()), Err))
                     .map_err(|what| format!("{}: {what}", printable::line(topic, 200))),
                 _ => Ok(()),
             };
@@ -99,8 +103,8 @@ impl Recording {
     }
 
     /// Channels whose messages look like bursts and that nothing reads, as far as the first 16
-    /// blocks tell.
-    pub fn unread(&self, dialects: &Dialects) -> Vec<UnreadChannel> {
+    /// blocks tell. `printheads`: the names of those that were met.
+    pub fn unread(&self, dialects: &Dialects, printheads: &[&str]) -> Vec<UnreadChannel> {
         if self.channels_known_upfront && self.others.is_empty() {
             return Vec::new();
         }
@@ -110,22 +114,47 @@ impl Recording {
         let read: BTreeSet<&str> =
             topics.iter().filter(read).map(|summary| &*summary.schema_name).collect();
         let unread = |summary: &TopicSummary| {
-            let (written, message) = (summary.written()?, summary.first_message.as_ref()?);
-            let undecodable = guess::undecodable(&written, message);
-            if undecodable.is_none() {
-                guess::guess(&written, message, &[&summary.topic])?;
-            }
+            let written = summary.written()?;
+            let message = summary.first_message.as_ref();
+            let undecodable =
+                match look(&written, (message, summary.largest), printheads.iter().copied()) {
+                    Look::Others => return None,
+                    Look::Bursts => None,
+                    Look::Undecodable(why) => Some(why),
+                };
             let fits = dialects.fit_topic(&summary.topic) || read.contains(&*summary.schema_name);
             let of_it = self.others.iter().find(|other| other.topic == summary.topic);
             Some(UnreadChannel {
                 topic: printable::line(&summary.topic, MOST_OF_A_NAME),
                 schema: printable::line(&summary.schema_name, MOST_OF_A_NAME),
+                encoding: summary.encoding(),
                 messages: of_it.and_then(|other| other.messages),
-                by_dialect: fits && dialects.could_read(&written, message),
+                by_dialect: fits && message.is_some_and(|of| dialects.could_read(&written, of)),
                 undecodable,
             })
         };
-        let nothing = topics.iter().filter(|summary| matches!(summary.kind, MessageKind::Nothing));
+        // a channel that is defined and has no message in these blocks is not known
+        let nothing = topics.iter().filter(|of| of.messages > 0);
+        let nothing = nothing.filter(|of| matches!(of.kind, MessageKind::Nothing));
         nothing.filter_map(unread).collect()
+    }
+
+    /// The first message that is no usable burst: why, its printhead, and what is wrong with it. The recording is
+    /// read up to there.
+    pub fn first_unusable(&self) -> Option<UnusableBurst> {
+        let mut reader = self.reader();
+        let mut blocks = self.blocks().filter_map(Result::ok);
+        blocks.find_map(|block| {
+            reader.load(&block);
+            let mut pieces = std::iter::from_fn(|| reader.next_piece(MOST_PEEKED_ROWS));
+            pieces.find_map(|piece| piece.acquisitions.into_iter().find_map(unusable))
+        })
+    }
+}
+
+fn unusable(of: Acquisition) -> Option<UnusableBurst> {
+    match of {
+        Acquisition::Unusable(of) if !of.what.is_empty() => Some(of),
+        _ => None,
     }
 }

@@ -25,6 +25,7 @@ use super::objects::in_object_store;
 use super::scan::Blocks;
 use super::source::Source;
 use super::stamp::Stamp;
+use super::unread_file;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -241,6 +242,9 @@ pub(super) fn magic(path: &Path, source: &Source) -> Result<Vec<u8>, FileError> 
 /// Refuses a file that does not begin like a recording; the error says what it is instead.
 pub(super) fn check_magic(path: &Path, found: &[u8]) -> Result<(), FileError> {
     let begins = found.escape_ascii();
+    if let Some(kind) = unread_file::kind(found) {
+        return Err(FileError::failed(path, format!("not an MCAP file, but {kind}")));
+    }
     let what = match found.len() == MAGIC.len() && found.starts_with(&MAGIC[..5]) {
         _ if found == MAGIC => return Ok(()),
         _ if found.is_empty() => "empty file (0 bytes); the recording was never written".into(),

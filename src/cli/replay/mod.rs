@@ -16,7 +16,7 @@ mod settings;
 pub use args::{Args, PRESETS};
 pub use settings::judging;
 
-use super::account::{Account, RUN_NAME, Row};
+use super::account::{Account, RUN_NAME, Row, UnreadFile};
 use super::batch::Batch;
 use super::collected::checked_dialects;
 use super::exit::{Exit, Failure};
@@ -26,6 +26,7 @@ use super::ledger::Ledger;
 use super::live;
 use super::plan::{self, Planner};
 use super::progress::{Progress, interruptible};
+use super::report::printable_path;
 use super::teller::Teller;
 use crate::pipeline::resume::Resume;
 use crate::settings::Settings;
@@ -38,6 +39,7 @@ use inkling_io::job::{self, Job};
 use inkling_io::journal::{JOURNAL_NAME, Journal, JournalWriter};
 use inkling_io::outputs::{self, ResultFile};
 use inkling_io::run_lock::{LOCK_NAME, RunLock, ToJudge};
+use inkling_io::unread_file;
 use std::path::{Path, PathBuf};
 
 /// Judges recordings in this process: the verb `replay` of the command line.
@@ -82,7 +84,8 @@ fn checked_and_judged(
         follow::check(&settings, args.dry_run)?;
     }
     let serve = live::check(args.serve.as_deref(), args.serve_token.as_deref(), args.follow)?;
-    let NamedRecordings { jobs, lost, dialects } = named_recordings(&args, &settings, &out)?;
+    let NamedRecordings { jobs, lost, unread, dialects } =
+        named_recordings(&args, &settings, &out)?;
     begun.jobs.clone_from(&jobs);
     let (replay, baseline_file, means) = settings::load(settings, design, &args)?;
 
@@ -147,7 +150,7 @@ fn checked_and_judged(
     let is_alone = jobs.len() == 1 && lost.is_empty();
     // from here on the batch accounts for the run
     let mut account = begun.account.take().unwrap_or_else(|| Account::new(args.strict));
-    account.rows = lost;
+    (account.rows, account.unread) = (lost, unread);
     let batch = Batch {
         judge: match elsewhere {
             Some(judge) => judge,
@@ -187,6 +190,8 @@ struct NamedRecordings {
     jobs: Vec<Job>,
     /// Rows of the account for names that lead to no recording: these do not stop the run.
     lost: Vec<Row>,
+    /// What lies beside them and is not read, without what was judged before it was compressed.
+    unread: Vec<UnreadFile>,
     /// How messages of other loggers become bursts, checked against the recordings.
     dialects: Dialects,
 }
@@ -209,7 +214,20 @@ fn named_recordings(
     let jobs = plan::place(found.inputs, settings.output.layout, &journal, &dialects);
     job::refuse_shared(&jobs).map_err(Failure::usage)?;
     let lost = found.lost.iter().map(plan::lost).collect();
-    Ok(NamedRecordings { jobs, lost, dialects })
+    let unread = found.unread.into_iter().filter(|(path, _)| !is_judged(path, &journal));
+    let unread = unread
+        .map(|(path, why)| UnreadFile { recording: printable_path(&path.to_string_lossy()), why });
+    Ok(NamedRecordings { jobs, lost, unread: unread.collect(), dialects })
+}
+
+/// Whether what a compressed file holds was judged before it was compressed, or lies beside it as it was.
+fn is_judged(compressed: &Path, journal: &Journal) -> bool {
+    let name = compressed.file_name().unwrap_or_default().to_string_lossy();
+    let plain = compressed.with_file_name(unread_file::decompressed(&name));
+    let at = plain.parent().and_then(|dir| dir.canonicalize().ok());
+    let source = at.zip(plain.file_name()).map(|(dir, name)| dir.join(name));
+    let entry = source.and_then(|of| journal.of_recording(&of.to_string_lossy()).cloned());
+    plain != compressed && plain.exists() || entry.is_some_and(|entry| entry.outcome.is_judged())
 }
 
 /// What earlier runs did in the directory of results.

@@ -13,6 +13,8 @@ pub const LEAST_NEIGHBOURS: f64 = 0.3;
 const LEAST_ALIKE: f64 = 0.5;
 /// Smallest `edge` at which rows are told apart.
 const LEAST_EDGE: f64 = 1.5;
+/// Edges of this share of the clearest are as clear. Rows of half the length have half of it.
+const AS_CLEAR: f64 = 0.75;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RowLayout {
@@ -75,13 +77,20 @@ impl RowLayout {
             both.filter_map(|(n, major)| Self::of(x, n, major)).filter(Self::is_plausible);
 
         // correlation and likeness hold in some wrong layouts, too, as with half the channels
-        let edges = plausible.map(|layout| {
-            let channels = layout.channels;
-            let row = if layout.sample_major { channels } else { x.len() / channels };
-            (edge(x, row), layout)
-        });
-        let best = edges.max_by(|a, b| a.0.total_cmp(&b.0));
-        best.filter(|(edge, _)| *edge >= LEAST_EDGE).map(|(_, layout)| layout)
+        let edges: Vec<(f64, usize, RowLayout)> = plausible
+            .map(|layout| {
+                let channels = layout.channels;
+                let row = if layout.sample_major { channels } else { x.len() / channels };
+                (edge(x, row), row, layout)
+            })
+            .collect();
+        let (clearest, _, best) = *edges.iter().max_by(|a, b| a.0.total_cmp(&b.0))?;
+        // every other edge of the right rows is as clear as all of them: the shortest rows are right
+        let alike = |(edge, _, layout): &&(f64, usize, RowLayout)| {
+            layout.sample_major == best.sample_major && *edge >= AS_CLEAR * clearest
+        };
+        let shortest = edges.iter().filter(alike).min_by_key(|(_, row, _)| *row);
+        shortest.filter(|_| clearest >= LEAST_EDGE).map(|(.., layout)| *layout)
     }
 }
 

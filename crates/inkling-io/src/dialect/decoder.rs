@@ -10,12 +10,14 @@
 //! neighbours.
 
 use super::message::Message;
+use super::moment::ns_of;
 use super::path::FieldPath;
 use super::plan::Plan;
 use super::settings::{Part, Source, TimeSource};
 use super::value::{Number, Samples, Value};
 use crate::Limits;
-use crate::burst_codec::{self, PrintheadNames, take_name, unread};
+use crate::burst_codec::{self, NoBurst, PrintheadNames, take_name, unread};
+use crate::printable;
 use bytes::Bytes;
 use inkling_core::burst::{Acquisition, Burst, Format, UnusableBurst};
 use inkling_core::verdict::Reason;
@@ -33,29 +35,6 @@ pub struct DialectDecoder {
     limits: Limits,
     names: PrintheadNames,
 }
-
-/// The time that a number means, in ns since 1970. Usually whole numbers are nanoseconds and floats
-/// are seconds. If that gives a time over a year from the log time, the first other unit that gives
-/// a nearer one is taken. `None`: an i64 cannot hold it.
-fn ns_of(number: Number, log_ns: i64) -> Option<i64> {
-    let (usual, others) = match number {
-        Number::Integer(_) => (1, [1_000, 1_000_000, 1_000_000_000]),
-        Number::Float(_) => (1_000_000_000, [1_000_000, 1_000, 1]),
-    };
-    // the number as ns, if its unit is `unit` ns long
-    let of = |unit: i64| match number {
-        Number::Integer(i) => i64::try_from(i.checked_mul(unit.into())?).ok(),
-        Number::Float(x) => {
-            let ns = (x * unit as f64).round();
-            (ns.abs() < 9.2e18).then_some(ns as i64)
-        }
-    };
-    let is_near = |t_ns: &i64| t_ns.abs_diff(log_ns) < YEAR_NS;
-    let usual = of(usual);
-    usual.filter(is_near).or_else(|| others.into_iter().filter_map(of).find(is_near)).or(usual)
-}
-
-const YEAR_NS: u64 = 366 * 86_400 * 1_000_000_000;
 
 impl DialectDecoder {
     pub fn new(limits: Limits) -> DialectDecoder {
@@ -79,15 +58,15 @@ impl DialectDecoder {
         let read = self.name(plan, found.as_ref().ok(), &mut head);
         let read = read.and_then(|()| match found {
             Ok(found) => self.burst(&found, times, &mut head),
-            Err(why) => Err(*why),
+            Err(why) => Err(NoBurst { why: *why, what: plan.reading.wrong(&message) }),
         });
         match read {
             Ok(burst) => Acquisition::Usable(burst),
-            Err(why) => {
+            Err(NoBurst { why, what }) => {
                 if why == Reason::Undecodable {
                     head.t_acq_ns = times.log_ns;
                 }
-                Acquisition::Unusable(UnusableBurst { why, ..head })
+                Acquisition::Unusable(UnusableBurst { why, what, ..head })
             }
         }
     }
@@ -97,31 +76,36 @@ impl DialectDecoder {
         found: &ReadMessage,
         times: Times,
         head: &mut UnusableBurst,
-    ) -> Result<Burst, Reason> {
+    ) -> Result<Burst, NoBurst> {
         let dialect = &found.plan.dialect;
-        head.first_channel = count(found.number(&dialect.first_channel)?)?;
+        head.first_channel = found.count(&dialect.first_channel)?;
         head.t_acq_ns = match &dialect.time {
             TimeSource::LogTime => times.log_ns,
             TimeSource::PublishTime => times.publish_ns,
             TimeSource::Path(path) => {
-                found.time_ns(path, times.log_ns).ok_or(Reason::Undecodable)?
+                found.time_ns(path, times.log_ns).ok_or_else(|| found.wrong(path, "is no time"))?
             }
         };
 
-        let channels = count(found.number(&dialect.channels)?)?;
+        let channels = found.count(&dialect.channels)?;
         let sample_period_s = match (&dialect.rate_hz, &dialect.period_s) {
             (Some(rate), _) => 1.0 / found.number(rate)?.float(),
             (None, Some(period)) => found.number(period)?.float(),
             (None, None) => f64::NAN, // refused when the settings were read
         };
 
-        let samples = found.samples(self.limits.samples_bytes)?;
+        let mut samples = found.samples(self.limits.samples_bytes)?;
+        if let Some(offset) = &dialect.offset {
+            let before = (found.count(offset)? as usize).saturating_mul(samples.format.bytes());
+            samples.bytes =
+                samples.bytes.get(before..).map_or(Bytes::new(), |of| samples.bytes.slice_ref(of));
+        }
         let samples_per_channel = match &dialect.samples_per_channel {
-            Some(source) => count(found.number(source)?)?,
+            Some(source) => found.count(source)?,
             None => columns(&samples, channels)?,
         };
         if samples.too_many {
-            return Err(Reason::TooLarge);
+            return Err(Reason::TooLarge.into());
         }
 
         // idle times and neighbours are added after the check, which bounds the number of channels
@@ -159,9 +143,9 @@ impl DialectDecoder {
         plan: &Plan,
         found: Option<&ReadMessage>,
         head: &mut UnusableBurst,
-    ) -> Result<(), Reason> {
+    ) -> Result<(), NoBurst> {
         if let [Part::Literal(name)] = plan.name.as_slice() {
-            return take_name(head, name, &mut self.names); // the usual case: one text for all
+            return Ok(take_name(head, name, &mut self.names)?); // the usual case: one text for all
         }
         let mut name = String::new();
         for part in &plan.name {
@@ -173,17 +157,20 @@ impl DialectDecoder {
                 }
                 Part::Topic(_) => continue, // put in when the plan was made
             };
-            let found = found.ok_or(Reason::Undecodable)?;
+            // of a message that could not be decoded that is told
+            let Some(found) = found else { return Ok(()) };
+            let number = |number: Number| number.integer().map(|n| n.to_string());
             match found.message.find(path) {
                 Some(Value::Text(text)) => name += text,
-                Some(Value::Number(number)) => {
-                    name += &number.integer().ok_or(Reason::Undecodable)?.to_string();
+                Some(value) => {
+                    let number = value.number().and_then(number);
+                    name += &number
+                        .ok_or_else(|| found.wrong(path, "is neither text nor a whole number"))?;
                 }
-                Some(_) => return Err(Reason::Undecodable),
-                None => found.left_out(())?,
+                None => found.left_out(path, ())?,
             }
         }
-        take_name(head, &name, &mut self.names)
+        Ok(take_name(head, &name, &mut self.names)?)
     }
 }
 
@@ -196,8 +183,24 @@ struct ReadMessage<'a> {
 impl ReadMessage<'_> {
     /// What a missing value means: zero in protobuf, which leaves out fields that are zero, and in
     /// a ROS array that ends before the element; an error in JSON.
-    fn left_out<T>(&self, zero: T) -> Result<T, Reason> {
-        if self.plan.names_every_field() { Err(Reason::Undecodable) } else { Ok(zero) }
+    fn left_out<T>(&self, path: &FieldPath, zero: T) -> Result<T, NoBurst> {
+        if self.plan.names_every_field() { Err(self.wrong(path, "is needed")) } else { Ok(zero) }
+    }
+
+    /// The error for a value that is not what it should be.
+    fn wrong(&self, path: &FieldPath, what: &str) -> NoBurst {
+        let is_time = matches!(&self.plan.dialect.time, TimeSource::Path(of) if of == path);
+        let time = self.plan.time.as_ref().filter(|_| is_time);
+        let value = match self.message.find(path) {
+            Some(Value::Number(number)) => number.to_string(),
+            Some(Value::Text(text)) => format!("{:?}", printable::cell(text)),
+            Some(Value::Array(_) | Value::Numbers(_)) => "an array".into(),
+            Some(Value::Other) => {
+                time.map_or("what it holds".into(), |time| self.message.time_in_words(time))
+            }
+            None => "no value".into(),
+        };
+        NoBurst::undecodable(format!("{path}: {value} {what}"))
     }
 
     /// A constant of the dialect, or the value in the message; `None` without a source, too.
@@ -209,10 +212,24 @@ impl ReadMessage<'_> {
     }
 
     /// A number that a burst must have.
-    fn number(&self, source: &Source) -> Result<Number, Reason> {
-        match self.value(Some(source)) {
-            Some(value) => value.number().ok_or(Reason::Undecodable),
-            None => self.left_out(Number::Integer(0)),
+    fn number(&self, source: &Source) -> Result<Number, NoBurst> {
+        match source {
+            Source::Constant(x) => Ok(Number::Float(*x)),
+            Source::Path(path) => match self.message.find(path) {
+                Some(value) => value.number().ok_or_else(|| self.wrong(path, "is no number")),
+                None => self.left_out(path, Number::Integer(0)),
+            },
+        }
+    }
+
+    /// A whole number that a burst must have.
+    fn count(&self, source: &Source) -> Result<u32, NoBurst> {
+        match (self.number(source)?.integer(), source) {
+            (Some(i), _) if i >= 0 => u32::try_from(i).map_err(|_| Reason::TooLarge.into()),
+            (_, Source::Path(path)) => Err(self.wrong(path, "is no whole number of 0 or more")),
+            (_, Source::Constant(x)) => {
+                Err(NoBurst::undecodable(format!("{x} is no whole number")))
+            }
         }
     }
 
@@ -226,13 +243,18 @@ impl ReadMessage<'_> {
         self.value(source).map_or(Vec::new(), |value| value.floats(channels))
     }
 
-    fn samples(&self, most_bytes: u64) -> Result<Samples, Reason> {
-        let format = self.plan.dialect.format;
-        match self.message.find(&self.plan.dialect.samples) {
-            Some(value) => value.samples(format, most_bytes).ok_or(Reason::Undecodable),
+    fn samples(&self, most_bytes: u64) -> Result<Samples, NoBurst> {
+        let (format, path) = (self.plan.dialect.format, &self.plan.dialect.samples);
+        match self.message.find(path) {
+            Some(value) => {
+                let samples = value.samples(format, most_bytes);
+                samples.ok_or_else(|| {
+                    self.wrong(path, "is no array of numbers, nor equally long rows of them")
+                })
+            }
             None => {
                 let format = format.unwrap_or(Format::S16Le);
-                self.left_out(Samples { bytes: Bytes::new(), format, too_many: false })
+                self.left_out(path, Samples { bytes: Bytes::new(), format, too_many: false })
             }
         }
     }
@@ -242,21 +264,14 @@ impl ReadMessage<'_> {
     /// numbers. A burst without a time has no place among the others.
     fn time_ns(&self, path: &FieldPath, log_ns: i64) -> Option<i64> {
         match self.message.find(path)? {
-            Value::Number(number) => ns_of(number, log_ns),
+            Value::Number(number) => ns_of(number, self.plan.time_unit_ns, log_ns),
             Value::Text(text) => match Number::parse(text) {
-                Some(number) => ns_of(number, log_ns),
+                Some(number) => ns_of(number, self.plan.time_unit_ns, log_ns),
                 None => chrono::DateTime::parse_from_rfc3339(text).ok()?.timestamp_nanos_opt(),
             },
             Value::Other => self.message.time_ns(self.plan.time.as_ref()?),
             Value::Array(_) | Value::Numbers(_) => None,
         }
-    }
-}
-
-fn count(number: Number) -> Result<u32, Reason> {
-    match number.integer() {
-        Some(i) if i >= 0 => u32::try_from(i).map_err(|_| Reason::TooLarge),
-        _ => Err(Reason::Undecodable),
     }
 }
 
@@ -273,35 +288,17 @@ fn fired(neighbours: &[f32], channels: usize) -> Bytes {
 }
 
 /// Samples per channel, where no field says it: as many as there are, divided by the channels.
-fn columns(samples: &Samples, channels: u32) -> Result<u32, Reason> {
-    let row = samples.format.bytes().checked_mul(channels as usize).filter(|row| *row > 0);
-    let row = row.ok_or(Reason::NoChannels)?;
-    match samples.bytes.len().is_multiple_of(row) {
-        true => u32::try_from(samples.bytes.len() / row).map_err(|_| Reason::TooLarge),
-        false => Err(Reason::WrongLength),
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn times_are_of_the_unit_that_lies_near_the_log_time() {
-        let log_ns = 1_793_491_200_250_000_000;
-        let at = 1_793_491_200_000_000_000;
-        for unit in [1, 1_000, 1_000_000, 1_000_000_000] {
-            let whole = Number::Integer(i128::from(at / unit));
-            assert_eq!(ns_of(whole, log_ns), Some(at), "{unit}");
-            let float = ns_of(Number::Float(at as f64 / unit as f64), log_ns).unwrap();
-            assert!(float.abs_diff(at) < 1_000, "{unit}: {float}");
+fn columns(samples: &Samples, channels: u32) -> Result<u32, NoBurst> {
+    let all = samples.bytes.len() / samples.format.bytes();
+    let whole = samples.bytes.len().is_multiple_of(samples.format.bytes());
+    match all.checked_div(channels as usize) {
+        None => Err(Reason::NoChannels.into()),
+        Some(n) if whole && n * channels as usize == all => {
+            u32::try_from(n).map_err(|_| Reason::TooLarge.into())
         }
-        // a clock that began at 0, and a log without times: as they stand
-        assert_eq!(ns_of(Number::Integer(5), 9_000_000_000), Some(5));
-        assert_eq!(ns_of(Number::Integer(5_000), log_ns), Some(5_000));
-        assert_eq!(ns_of(Number::Integer(at.into()), 0), Some(at));
-        assert_eq!(ns_of(Number::Float(1.5), log_ns), Some(1_500_000_000));
-        assert_eq!(ns_of(Number::Float(f64::NAN), log_ns), None);
-        assert_eq!(ns_of(Number::Integer(i128::MAX), log_ns), None);
+        Some(_) => {
+            let what = format!("its {all} samples are no multiple of {channels} channels");
+            Err(NoBurst { why: Reason::WrongLength, what })
+        }
     }
 }

@@ -4,7 +4,7 @@
 //! In: a decoded message and its fields. Out: numbers, texts and [`MessageSamples`], field
 //! by field; fields as the user is shown them ([`ShownField`]).
 
-use super::fields::{FieldInfo, Kind};
+use super::fields::{FieldInfo, Kind, Slot};
 use super::message::{Message, TimePaths};
 use super::path::FieldPath;
 use super::value::{self, Number, Value};
@@ -12,8 +12,12 @@ use crate::printable;
 use chrono::{DateTime, SecondsFormat};
 use inkling_core::burst::Format;
 
-/// A first message that is larger is not looked at.
-pub const MOST_MESSAGE_BYTES: usize = 1 << 20;
+/// A first message that is larger is not looked at: 4096 channels of 1024 samples of int16.
+pub const MOST_MESSAGE_BYTES: usize = 8 << 20;
+/// A message with fewer numbers than these is no burst.
+const FEWEST_SAMPLES: usize = 32;
+/// At most so many fields are tried as samples.
+const MOST_CANDIDATES: usize = 32;
 /// Bound on the bytes of samples that are made of the first message. It is four times the message,
 /// because a number of one byte (in an array of int8) may become a float32 of four.
 const MOST_LOOKED_AT: u64 = MOST_MESSAGE_BYTES as u64 * 4;
@@ -75,12 +79,17 @@ impl FirstMessage<'_> {
         })
     }
 
+    /// The field with the most numbers, and these; `None`: no field has enough for a burst.
+    pub fn likely_samples(&self) -> Option<(&FieldInfo, MessageSamples)> {
+        let fields = self.fields.iter().filter(|field| field.can_be(Slot::Samples).is_ok());
+        let tried = fields.take(MOST_CANDIDATES).filter_map(|of| Some((of, self.samples(of)?)));
+        let most = tried.max_by_key(|(_, samples)| samples.numbers.len());
+        most.filter(|(_, samples)| samples.numbers.len() >= FEWEST_SAMPLES)
+    }
+
     pub fn value(&self, field: &FieldInfo) -> Option<String> {
         match (field.kind, self.find(&field.path)?) {
-            (Kind::Integer | Kind::Float, value) => match value.number()? {
-                Number::Integer(n) => Some(n.to_string()),
-                Number::Float(x) => Some(x.to_string()),
-            },
+            (Kind::Integer | Kind::Float, value) => Some(value.number()?.to_string()),
             (Kind::Text | Kind::Time, Value::Text(text)) => Some(printable::cell(text)),
             (Kind::Time, _) => {
                 let path = FieldPath::try_from(field.path.clone()).ok()?;
@@ -88,6 +97,29 @@ impl FirstMessage<'_> {
                     DateTime::from_timestamp_nanos(self.message.time_ns(&TimePaths::of(&path))?);
                 Some(time.to_rfc3339_opts(SecondsFormat::Nanos, true))
             }
+            _ => None,
+        }
+    }
+
+    /// Whether a field lies in an array of messages that has more of them: a path leads to one of them alone.
+    pub fn is_one_of_several(&self, field: &FieldInfo) -> bool {
+        let next = field.path.replacen("[0]", "[1]", 1);
+        next != field.path && self.find(&next).is_some()
+    }
+
+    pub fn number(&self, path: &str) -> Option<f64> {
+        Some(self.find(path)?.number()?.float())
+    }
+
+    /// All numbers of an array.
+    pub fn numbers(&self, path: &str) -> Option<Vec<f64>> {
+        let field = self.fields.iter().find(|field| field.path == path)?;
+        Some(self.samples(field)?.numbers)
+    }
+
+    pub fn text(&self, path: &str) -> Option<String> {
+        match self.find(path)? {
+            Value::Text(text) => Some(text.to_owned()),
             _ => None,
         }
     }

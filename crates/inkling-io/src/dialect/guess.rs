@@ -12,102 +12,47 @@
 
 pub use super::first_message::{MOST_MESSAGE_BYTES, ShownField};
 
+use super::dimensions::{Dimensions, dimensions};
 use super::fields::{FieldInfo, Kind, Slot};
 use super::first_message::{FirstMessage, MessageSamples};
+use super::names::{
+    CHANNEL, CHANNELS, COLUMNS, FIRST, Names, PERIOD, PRINTHEAD, RATE, TEMPERATURE, TIME, VOLTAGE,
+    find, has_word, sampling,
+};
 use super::plan::{ChannelDescription, Reading, Schema};
+use crate::time_column::is_time;
 use bytes::Bytes;
 use inkling_core::burst::Format;
 use inkling_core::model::row_layout::RowLayout;
-use inkling_core::verdict::Reason;
 use std::fmt::Write as _;
 
-/// A message with fewer numbers than these is no burst.
-const FEWEST_SAMPLES: usize = 32;
-/// At most so many fields are tried as samples.
-const MOST_CANDIDATES: usize = 32;
 const MOST_SHOWN: usize = 64;
+/// What parts of topics are called that number channels, as `ch07`.
+const CHANNEL_WORDS: &str = "ch channel nozzle";
 /// The value of a key that only a person can fill in, as it stands in TOML.
 const QUESTION: &str = "\"?\"";
 /// Parts of the names of well-known schemas whose large arrays are no ring-downs; messages of
 /// schemas with such a name are not looked at.
 const OTHERS: [&str; 8] = ["Image", "Video", "PointCloud", "Grid", "Scan", "Mesh", "Model", "Map"];
 
-/// What a field may be called: two texts with blanks between names. The first has whole names, the
-/// likeliest first. The second has words: if no field has one of the whole names, a field with one
-/// of these words in its name is taken.
-struct Names<'a>(&'a str, &'a str);
-
-const CHANNELS: Names =
-    Names("channels n_channels num_channels channel_count nozzles rows nchannels", "");
-const COLUMNS: Names = Names(
-    "samples_per_channel samples_per_signal n_samples num_samples sample_count columns cols n",
-    "",
-);
-const FIRST: Names = Names("first_channel channel_offset first_nozzle start_channel first", "");
-const PERIOD: Names =
-    Names("period_s sample_period_s sample_period sampling_period period dt_s dt", "");
-const RATE: Names = Names(
-    "rate_hz sample_rate_hz sampling_rate_hz sample_rate sampling_rate samplerate sampling_frequency \
-     fs_hz fs rate",
-    "",
-);
-const TIME: Names =
-    Names("t_acq acquired_at timestamp stamp time", "stamp timestamp time acquired");
-const PRINTHEAD: Names = Names("printhead print_head head_id head head_name printhead_id", "");
-const TEMPERATURE: Names =
-    Names("temperature_c temp_c temperature ink_temperature temp", "temp temperature");
-const VOLTAGE: Names =
-    Names("drive_voltage_v drive_voltage voltage_v voltage amplitude_v", "voltage volt volts");
-
-/// Words in the names of topics and schemas of bursts, for messages that cannot be looked into.
-const BURSTS: &str = "burst bursts ring rings ringdown ringdowns wave waves waveform waveforms piezo \
-     piezos nozzle nozzles printhead printheads decay decays sample samples acquisition acquisitions";
-
-/// Why nothing can decode messages whose topic or schema is named like bursts. `None`: they can be
-/// decoded, or are named otherwise.
-pub fn undecodable(written: &ChannelDescription, message: &Bytes) -> Option<String> {
-    let schema = written.schema.map_or("", |schema| &schema.name);
-    if !has_word(written.topic, BURSTS) && !has_word(&in_words(schema), BURSTS) {
-        return None;
-    }
-    match Reading::of(written) {
-        Err(why) => Some(why),
-        Ok(reading) => match reading.decode(message) {
-            Err(Reason::Undecodable) => {
-                Some("their first message is not what its schema says".into())
-            }
-            _ => None,
-        },
-    }
-}
-
-/// `RingDown` as `Ring Down`.
-fn in_words(name: &str) -> String {
-    let split = |c: char| [c.is_ascii_uppercase().then_some(' '), Some(c)].into_iter().flatten();
-    name.chars().flat_map(split).collect()
+/// Whether a schema is well known, and none of bursts.
+pub(super) fn is_of_others(schema: &str) -> bool {
+    let own_name = schema.rsplit(['.', '/']).next().unwrap_or_default();
+    OTHERS.iter().any(|other| own_name.contains(other))
 }
 
 /// `topics` are all topics that carry messages of the same kind; each must have as many parts as
 /// this one. `None`: nothing looks like bursts.
 pub fn guess(written: &ChannelDescription, message: &Bytes, topics: &[&str]) -> Option<Proposal> {
     let name = written.schema.map_or("", |schema| &schema.name);
-    let own_name = name.rsplit(['.', '/']).next().unwrap_or_default();
-    if OTHERS.iter().any(|other| own_name.contains(other)) || message.len() > MOST_MESSAGE_BYTES {
+    if is_of_others(name) || message.len() > MOST_MESSAGE_BYTES {
         return None;
     }
     let reading = Reading::of(written).ok()?;
     let message = reading.decode(message).ok()?;
     let fields = reading.fields(Some(&message));
     let first = FirstMessage { message: &message, fields: &fields };
-    let (field, samples) = fields
-        .iter()
-        .filter(|field| field.can_be(Slot::Samples).is_ok())
-        .take(MOST_CANDIDATES)
-        .filter_map(|field| Some((field, first.samples(field)?)))
-        .max_by_key(|(_, samples)| samples.numbers.len())?;
-    if samples.numbers.len() < FEWEST_SAMPLES {
-        return None;
-    }
+    let (field, samples) = first.likely_samples().filter(|(of, _)| !first.is_one_of_several(of))?;
 
     let toml = String::from("[[input.dialect]]\n");
     let mut guess = Guess { topic: written.topic, first: &first, samples: &samples, toml };
@@ -158,8 +103,15 @@ impl Guess<'_> {
             let value = if format == Format::S16Le { "\"s16le\"" } else { "\"f32le\"" };
             self.say("format", value, "? by the look of the first message");
         }
-        self.say_shape();
-        self.say_named("first_channel", &FIRST, Slot::FirstChannel, "");
+        match dimensions(self.first, &samples.path) {
+            Some(of) => self.say_dimensions(&of),
+            None => self.say_shape(),
+        }
+        if !self.say_named("first_channel", &FIRST, Slot::FirstChannel, "")
+            && self.is_of_one_channel()
+        {
+            self.say_named("first_channel", &CHANNEL, Slot::FirstChannel, "");
+        }
         self.say_sampling();
         self.say_printhead(varies);
         self.say_time();
@@ -173,9 +125,27 @@ impl Guess<'_> {
         if !self.say_named("period_s", &PERIOD, Slot::Period, "? in seconds")
             && !self.say_named("rate_hz", &RATE, Slot::Rate, "? samples a second")
         {
-            let comment = "? no field of it in s: the sample period, s (or rate_hz)";
-            self.say("period_s", QUESTION, comment);
+            match sampling(self.first) {
+                Some(of) if of.unit == 1.0 => self.say(of.key, &quoted(&of.path), "?"),
+                Some(of) => {
+                    let unit = if of.key == "rate_hz" { "Hz" } else { "s" };
+                    let comment = format!("? {} of the first message, in {unit}", of.path);
+                    self.say(of.key, &format!("{:?}", of.value), &comment);
+                }
+                None => {
+                    let comment = "? no field of it in s: the sample period, s (or rate_hz)";
+                    self.say("period_s", QUESTION, comment);
+                }
+            }
         }
+    }
+
+    /// Whether a message has one channel, whose number it says.
+    fn is_of_one_channel(&self) -> bool {
+        let is_flat = self.samples.outer.is_none();
+        is_flat
+            && find(self.first.fields, &CHANNELS, Slot::Channels).is_none()
+            && find(self.first.fields, &CHANNEL, Slot::FirstChannel).is_some()
     }
 
     /// Writes the field of the time: one that is named like a time, before all a message of seconds and
@@ -186,7 +156,10 @@ impl Guess<'_> {
         let times: Vec<&FieldInfo> = fields.filter(|of| of.can_be(Slot::Time).is_ok()).collect();
         let stamps = times.iter().filter(|field| field.kind == Kind::Time).copied();
         let stamps: Vec<&FieldInfo> = stamps.collect();
+        let is_named =
+            |field: &&&FieldInfo| is_time(field.path.rsplit('.').next().unwrap_or_default());
         let named = TIME.find(&stamps).or_else(|| TIME.find(&times));
+        let named = named.or_else(|| times.iter().find(is_named).copied());
         if let Some(field) = named.or(stamps.first().copied()) {
             self.say("time", &quoted(&field.path), "");
         }
@@ -212,6 +185,10 @@ impl Guess<'_> {
     /// say if their numbers divide n, else what the samples look like.
     fn say_shape(&mut self) {
         let numbers = self.samples.numbers.len();
+        if self.is_of_one_channel() {
+            self.say("channels", "1", "? a message has one channel, whose number it says");
+            return;
+        }
         let rows = self.divisor(&CHANNELS, Slot::Channels);
         let (rows, columns) = match (rows, self.divisor(&COLUMNS, Slot::SamplesPerChannel)) {
             // `n` may be either
@@ -261,6 +238,21 @@ impl Guess<'_> {
         }
     }
 
+    /// Writes the shape that the layout of a ROS array says.
+    fn say_dimensions(&mut self, of: &Dimensions) {
+        let [outer, inner] = [0, 1].map(|n| format!("{}.dim[{n}].size", of.layout));
+        let (channels, samples, layout) = match of.sample_major {
+            true => (inner, outer, "sample-major"),
+            false => (outer, inner, "channel-major"),
+        };
+        if of.offset > 0 {
+            self.say("offset", &quoted(&format!("{}.data_offset", of.layout)), "");
+        }
+        self.say("layout", &quoted(layout), of.comment);
+        self.say("channels", &quoted(&channels), "");
+        self.say("samples_per_channel", &quoted(&samples), "");
+    }
+
     /// Writes the layout, with the correlation of the layout that was not taken for comparison.
     fn say_layout(&mut self, lie: Option<RowLayout>) {
         let major = |sample_major| if sample_major { "sample-major" } else { "channel-major" };
@@ -299,7 +291,11 @@ impl Guess<'_> {
             return self.say("printhead", &quoted(&format!("{{{path}}}")), "");
         }
         let parts = self.topic.trim_start_matches('/').split('/').count();
-        let part = varies.unwrap_or(usize::from(parts > 1));
+        // topics that differ in their channel say the printhead elsewhere
+        let of_topic: Vec<&str> = self.topic.trim_start_matches('/').split('/').collect();
+        let is_channel = |part: &usize| has_word(of_topic[*part], CHANNEL_WORDS);
+        let part = varies.filter(|part| *part == 0 || !is_channel(part));
+        let part = part.or_else(|| varies?.checked_sub(1)).unwrap_or(usize::from(parts > 1));
         let part = format!("\"{{topic.{part}}}\"");
         self.say("printhead", &part, "? this part of the topic, from 0");
     }
@@ -327,29 +323,4 @@ fn glob(first: &str, topics: &[&str]) -> (String, Option<usize>) {
         }
     }
     (format!("{slash}{}", common.join("/")), varies)
-}
-
-impl Names<'_> {
-    fn find<'f>(&self, fields: &[&'f FieldInfo]) -> Option<&'f FieldInfo> {
-        let first = |is: &dyn Fn(&str) -> bool| {
-            // the last name of a path is the field's own, without the messages around it
-            fields.iter().find(|f| is(f.path.rsplit('.').next().unwrap_or_default())).copied()
-        };
-        let Names(whole, words) = self;
-        let named = |name: &str| first(&|of| of.eq_ignore_ascii_case(name));
-        whole.split(' ').find_map(named).or_else(|| first(&|of| has_word(of, words)))
-    }
-}
-
-fn find(fields: &[FieldInfo], names: &Names, slot: Slot) -> Option<String> {
-    let can_be = |field: &&FieldInfo| field.can_be(slot).is_ok();
-    let fields: Vec<&FieldInfo> = fields.iter().filter(can_be).collect();
-    names.find(&fields).map(|field| field.path.clone())
-}
-
-/// Whether a field's own name has one of these words in it: `ink_temp_c` has `temp`.
-fn has_word(name: &str, words: &str) -> bool {
-    let name = name.to_ascii_lowercase();
-    let mut parts = name.split(|c: char| !c.is_ascii_alphabetic());
-    parts.any(|part| !part.is_empty() && words.split(' ').any(|word| word == part))
 }

@@ -27,11 +27,24 @@ impl Message {
         }
     }
 
+    fn first(&self, paths: &[FieldPath]) -> Option<Value<'_>> {
+        paths.iter().find_map(|path| self.find(path))
+    }
+
+    /// What such a message says that is no time.
+    pub fn time_in_words(&self, paths: &TimePaths) -> String {
+        let word = |paths: &[FieldPath]| match self.first(paths).and_then(|value| value.number()) {
+            Some(number) => number.to_string(),
+            None => "no".into(),
+        };
+        let (seconds, nanoseconds) = (word(&paths.seconds), word(&paths.nanoseconds));
+        format!("{seconds} seconds and {nanoseconds} nanoseconds")
+    }
+
     /// The time, ns since 1970, that a message within this one says as seconds and nanoseconds.
     /// `None`: it has neither, or they are no time.
     pub fn time_ns(&self, paths: &TimePaths) -> Option<i64> {
-        let value = |paths: &[FieldPath]| paths.iter().find_map(|path| self.find(path));
-        let (seconds, nanoseconds) = (value(&paths.seconds), value(&paths.nanoseconds));
+        let (seconds, nanoseconds) = (self.first(&paths.seconds), self.first(&paths.nanoseconds));
         if seconds.is_none() && nanoseconds.is_none() {
             return None;
         }

@@ -17,9 +17,11 @@
 //! protobuf, ros,  an encoding: how its schema becomes a shape, how a message is decoded, and what
 //! json            a path finds in it
 //! message, value  a decoded message of any encoding; what a path found in it
-//! decoder         what was found becomes a burst
-//! guess,          the other way round: messages that look like bursts become a block to paste
-//! first_message
+//! decoder, moment what was found becomes a burst; the unit of its time
+//! guess, names,   the other way round: messages that look like bursts become a block to paste
+//! first_message,
+//! dimensions
+//! unread          of messages that nothing reads: whether they look like bursts, and why nothing reads them
 //! ```
 //!
 //! All encodings share the middle: a schema of any encoding becomes a shape, and in all of them a
@@ -29,11 +31,14 @@
 //! recording is opened (in JSON, when its first message is read), so that nothing is judged by it.
 
 pub mod decoder;
+pub(super) mod dimensions;
 mod fields;
 mod first_message;
 pub mod guess;
 pub mod json;
 mod message;
+mod moment;
+mod names;
 pub mod path;
 pub mod plan;
 mod protobuf;
@@ -41,6 +46,7 @@ mod ros;
 mod ros_definition;
 pub mod settings;
 mod shape;
+pub mod unread;
 pub mod value;
 
 use bytes::Bytes;

@@ -18,6 +18,7 @@ use super::shape::Shape;
 use super::value::{Number, Value};
 use super::{json, protobuf, ros_definition};
 use crate::printable;
+use crate::time_column::TimeUnit;
 use bytes::Bytes;
 use inkling_core::burst::Format;
 use inkling_core::verdict::Reason;
@@ -120,6 +121,24 @@ impl Reading {
     }
 }
 
+impl Reading {
+    /// What is wrong with a message that cannot be decoded.
+    pub fn wrong(&self, message: &[u8]) -> String {
+        let schema = match &self.encoding {
+            Encoding::Json => {
+                let e = serde_json::from_slice::<serde::de::IgnoredAny>(message).err();
+                return format!(
+                    "no JSON: {}",
+                    e.map_or(String::new(), |e| printable::of_parser(&e))
+                );
+            }
+            Encoding::Protobuf(root, _) => root.full_name(),
+            Encoding::Ros(shape) => &shape.types[0].name,
+        };
+        format!("its {} bytes are no {}", message.len(), printable::cell(schema))
+    }
+}
+
 #[derive(Debug)]
 pub struct Plan {
     pub dialect: Arc<Dialect>,
@@ -128,6 +147,8 @@ pub struct Plan {
     pub name: Vec<Part>,
     /// If the burst's time is a field: where it has seconds and nanoseconds.
     pub time: Option<TimePaths>,
+    /// Of a field such as `t_us`: ns of the unit that its name says.
+    pub time_unit_ns: Option<i64>,
 }
 
 impl Plan {
@@ -144,7 +165,11 @@ impl Plan {
             TimeSource::Path(path) => Some(TimePaths::of(path)),
             TimeSource::LogTime | TimeSource::PublishTime => None,
         };
-        Ok(Plan { dialect: dialect.clone(), reading, name, time })
+        let time_unit_ns = match &dialect.time {
+            TimeSource::Path(path) => path.steps().last().and_then(|step| unit_ns(&step.name)),
+            TimeSource::LogTime | TimeSource::PublishTime => None,
+        };
+        Ok(Plan { dialect: dialect.clone(), reading, name, time, time_unit_ns })
     }
 
     /// Whether a field that is missing in a message is an error.
@@ -224,6 +249,12 @@ fn check_json(
         }
         _ => check_field(&json::field(message, key.value)?, key.slot, format),
     }
+}
+
+/// The unit that a field of times is named for, ns; minutes and more are more often something else.
+fn unit_ns(field: &str) -> Option<i64> {
+    let unit = TimeUnit::in_name(field).ok().flatten()?;
+    (1.0..=1e9).contains(&unit.ns).then_some(unit.ns as i64)
 }
 
 fn name(dialect: &Dialect, topic: &str) -> Result<Vec<Part>, String> {

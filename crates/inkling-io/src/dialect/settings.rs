@@ -28,6 +28,9 @@ pub struct Dialect {
     /// Type of the samples where they are bytes; arrays of numbers have a type of their own.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub format: Option<Format>,
+    /// How many numbers stand before the first sample, as `data_offset` of ROS says; `None`: none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub offset: Option<Source>,
     /// Order of the samples; channel by channel if nothing is said.
     #[serde(default)]
     pub layout: Layout,
@@ -206,6 +209,7 @@ impl Dialect {
     /// The keys that take a number or a path, as far as the block gives them.
     pub fn numbers(&self) -> impl Iterator<Item = Key<'_, Source>> {
         let all = [
+            ("offset", Slot::FirstChannel, self.offset.as_ref()),
             ("channels", Slot::Channels, Some(&self.channels)),
             ("samples_per_channel", Slot::SamplesPerChannel, self.samples_per_channel.as_ref()),
             ("first_channel", Slot::FirstChannel, Some(&self.first_channel)),

@@ -10,6 +10,7 @@ use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD as BASE64;
 use bytes::Bytes;
 use inkling_core::burst::Format;
+use std::fmt;
 
 /// The type of a number of fixed width, as it lies in a message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -89,6 +90,15 @@ pub enum Number {
     /// Written without a fraction.
     Integer(i128),
     Float(f64),
+}
+
+impl fmt::Display for Number {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Number::Integer(i) => i.fmt(f),
+            Number::Float(x) => x.fmt(f),
+        }
+    }
 }
 
 impl Number {

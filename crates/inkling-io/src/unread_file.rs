@@ -1,0 +1,124 @@
+//! Files that are not read, and what to do about them: by their names, where they lie beside recordings, and by
+//! how they begin, where somebody names them.
+//!
+//! In: a name ([`beside`]), or the first bytes of a file ([`kind`]). Out: words for an error or a message.
+
+use super::dialect::unread::compressed_by;
+
+/// How names of compressed recordings end, and what decompresses them.
+const COMPRESSED: [(&str, &str); 8] = [
+    ("zst", "zstd -d"),
+    ("zstd", "zstd -d"),
+    ("gz", "gunzip"),
+    ("lz4", "lz4 -d"),
+    ("bz2", "bunzip2"),
+    ("xz", "unxz"),
+    ("zip", "unzip"),
+    ("7z", "7z x"),
+];
+/// How names of recordings of others end, what they are, and what to do.
+const OTHERS: [(&str, &str, &str); 4] = [
+    (".bag", "a bag of ROS 1", "`rosbags-convert` makes ROS 2 of it"),
+    (".db3", "a bag of ROS 2 in SQLite", "`mcap convert` makes MCAP of it"),
+    (".mcap.active", "not closed yet", "rename it when its recorder has ended"),
+    (".bag.active", "not closed yet", "`rosbag reindex` closes it"),
+];
+
+/// Why a file of this name is not read although it looks like a recording. `None`: it does not look like one.
+pub fn beside(name: &str) -> Option<String> {
+    let name = name.to_lowercase();
+    if let Some((rest, ending)) = name.rsplit_once('.')
+        && let Some((_, by)) = COMPRESSED.iter().find(|(of, _)| *of == ending)
+        && rest.ends_with(".mcap")
+    {
+        return Some(format!("compressed, and not read: `{by}` first"));
+    }
+    let other = OTHERS.iter().find(|(of, ..)| name.ends_with(of));
+    other.map(|(_, what, advice)| format!("{what}, and not read: {advice}"))
+}
+
+/// The name of the recording that a compressed file holds.
+pub fn decompressed(name: &str) -> &str {
+    match name.rsplit_once('.') {
+        Some((rest, ending))
+            if COMPRESSED.iter().any(|(of, _)| ending.eq_ignore_ascii_case(of)) =>
+        {
+            rest
+        }
+        _ => name,
+    }
+}
+
+/// How files begin that people name as recordings or tables, and what they are.
+const KINDS: [(usize, &[u8], &str); 13] = [
+    (0, b"#ROSBAG", "a bag of ROS 1 (`rosbags-convert` makes ROS 2 of it)"),
+    (0, b"SQLite format 3", "a bag of ROS 2 in SQLite (`mcap convert` makes MCAP of it)"),
+    (0, b"\x89HDF\r\n\x1a\n", "HDF5, as MATLAB writes it, too"),
+    (0, b"MATLAB 5.0 MAT-file", "a MAT file of MATLAB"),
+    (8, b"WAVE", "a WAV file"),
+    (0, b"TDSm", "a TDMS file of LabVIEW"),
+    (0, b"\x93NUMPY", "an array of NumPy"),
+    (0, b"PK\x03\x04", "a zip file, such as arrays of NumPy or a workbook"),
+    (0, b"\xd0\xcf\x11\xe0", "a workbook of Excel"),
+    (0, b"ARROW1", "an Arrow file"),
+    (0, b"\xff\xff\xff\xff", "an Arrow stream"),
+    (0, b"MDF     ", "an MDF file"),
+    (0, b"ULog\x01\x12\x35", "a ULog file"),
+];
+
+/// What a file is that begins so; `None`: that is not known.
+pub fn kind(start: &[u8]) -> Option<String> {
+    // a few bytes tell all of these apart
+    let begins = |(at, magic, _): &&(usize, &[u8], &str)| {
+        let start = start.get(*at..).unwrap_or_default();
+        start.len() >= 4 && magic.iter().zip(start).all(|(a, b)| a == b)
+    };
+    let known = KINDS.iter().find(begins).map(|(.., what)| (*what).to_owned());
+    known.or_else(|| Some(format!("compressed by {} (decompress it first)", compressed_by(start)?)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_that_look_like_recordings_are_told_and_others_are_not() {
+        for name in [
+            "a.mcap.zst",
+            "A.MCAP.GZ",
+            "b_0.mcap.lz4",
+            "x.bag",
+            "x_0.db3",
+            "n.mcap.active",
+            "k.mcap.7z",
+        ] {
+            assert!(beside(name).is_some_and(|why| why.contains("not ")), "{name}");
+        }
+        for name in
+            ["a.mcap", "a.mcap.part", "notes.txt.gz", "a.mcapx", "bag", "labels.csv", "x.bag.txt"]
+        {
+            assert_eq!(beside(name), None, "{name}");
+        }
+        assert_eq!(
+            ["a.mcap.zst", "a.MCAP.GZ", "a.bag"].map(decompressed),
+            ["a.mcap", "a.MCAP", "a.bag"]
+        );
+    }
+
+    #[test]
+    fn files_are_known_by_how_they_begin() {
+        for (start, says) in [
+            (&b"#ROSBAG V2.0\n"[..], "ROS 1"),
+            (b"SQLite format 3\0", "ROS 2"),
+            (b"\x89HDF\r\n\x1a\n\0", "HDF5"),
+            (b"MATLAB 5.0 MAT-file, Platform", "MAT file"),
+            (b"RIFF\x24\x08\0\0WAVEfmt ", "WAV"),
+            (b"TDSm\x0e\0", "TDMS"),
+            (&[0x28, 0xb5, 0x2f, 0xfd, 1], "zstd"),
+            (&[0x1f, 0x8b, 8], "gzip"),
+        ] {
+            assert!(kind(start).is_some_and(|what| what.contains(says)), "{says}");
+        }
+        assert_eq!(kind(b"t,y\n0,1\n"), None);
+    }
+}

@@ -1,0 +1,112 @@
+//! What `inspect` proposes for messages of others: what they say, or a question.
+
+use inkling::io::dialect::guess::guess;
+use inkling::io::dialect::plan::{ChannelDescription, Schema};
+
+fn ring(channels: usize, samples: usize, sample_major: bool) -> Vec<i16> {
+    let y = |c: usize, k: usize| {
+        let (c, k) = (c as f64, k as f64);
+        (3000.0 * (1.0 + 0.02 * (c * 1.7).sin()) * (-0.03 * k).exp() * (0.4 * k).cos()) as i16
+    };
+    match sample_major {
+        true => (0..samples).flat_map(|k| (0..channels).map(move |c| y(c, k))).collect(),
+        false => (0..channels).flat_map(|c| (0..samples).map(move |k| y(c, k))).collect(),
+    }
+}
+
+const ARRAY: &str = "std_msgs/MultiArrayLayout layout\nint16[] data\n====\nMSG: std_msgs/MultiArrayLayout\n\
+    std_msgs/MultiArrayDimension[] dim\nuint32 data_offset\n====\nMSG: std_msgs/MultiArrayDimension\n\
+    string label\nuint32 size\nuint32 stride\n";
+
+/// An array of ROS with these dimensions, each a label and a size.
+fn array(dims: &[(&str, usize)], offset: usize, data: &[i16]) -> Vec<u8> {
+    let mut out = vec![0, 1, 0, 0];
+    let mut put = |bytes: &[u8], align: usize| {
+        out.resize(out.len().next_multiple_of(align), 0);
+        out.extend_from_slice(bytes);
+    };
+    let number = |n: usize| (n as u32).to_le_bytes();
+    put(&number(dims.len()), 4);
+    for (label, size) in dims {
+        put(&number(label.len() + 1), 4);
+        put(format!("{label}\0").as_bytes(), 1);
+        put(&number(*size), 4);
+        put(&number(0), 4);
+    }
+    put(&number(offset), 4);
+    put(&number(offset + data.len()), 4);
+    put(&vec![0; 2 * offset], 1);
+    data.iter().for_each(|y| put(&y.to_le_bytes(), 1));
+    out
+}
+
+/// The block that is proposed for a message; empty: none.
+fn block(encoding: &str, schema: Option<&Schema>, message: Vec<u8>, topics: &[&str]) -> String {
+    let of = ChannelDescription { topic: topics[0], message_encoding: encoding, schema };
+    guess(&of, &message.into(), topics).map_or(String::new(), |of| of.toml)
+}
+
+#[test]
+fn arrays_of_ros_have_the_channels_that_their_layout_says_or_their_samples() {
+    let (name, encoding) = ("std_msgs/msg/Int16MultiArray".into(), "ros2msg".into());
+    let schema = Schema { name, encoding, data: ARRAY.into() };
+    let by_layout = |channels: usize| format!("channels = \"layout.dim[{channels}].size\"");
+    for (dims, offset, (channels, samples, sample_major), says) in [
+        (&[("channel", 48), ("sample", 128)][..], 0, (48, 128, false), by_layout(0)),
+        (&[("a", 24), ("b", 100)], 16, (24, 100, false), by_layout(0)),
+        (&[("time", 128), ("nozzle", 32)], 0, (32, 128, true), by_layout(1)),
+        (&[], 0, (48, 128, false), "channels = 48 ".into()),
+        (&[], 0, (16, 128, false), "channels = 16 ".into()),
+        (&[], 0, (20, 96, true), "channels = 20 ".into()),
+        (&[], 0, (3, 128, false), "channels = 3 ".into()),
+        (&[("data", 768)], 0, (8, 96, false), "channels = 8 ".into()),
+        (&[("channel", 7), ("sample", 3)], 0, (8, 96, false), "channels = 8 ".into()),
+    ] {
+        let message = array(dims, offset, &ring(channels, samples, sample_major));
+        let block = block("cdr", Some(&schema), message, &["/heads/K/ring"]);
+        assert!(block.contains(&says), "{dims:?} {channels} x {samples}: {block}");
+        let layout = if sample_major { "sample-major" } else { "channel-major" };
+        assert!(block.contains(&format!("layout = \"{layout}\"")), "{block}");
+        assert_eq!(block.contains("offset = \"layout.data_offset\""), offset > 0, "{block}");
+    }
+}
+
+#[test]
+fn fields_with_units_in_their_names_are_proposed() {
+    let adc = ring(1, 128, false);
+    let of = |fields: &str, topics: &[&str]| {
+        block("json", None, format!("{{\"adc\":{adc:?},{fields}}}").into(), topics)
+    };
+    for (fields, says) in [
+        ("\"t_us\":5,\"ink_degC\":31.2", &["time = \"t_us\"", "temperature = \"ink_degC\""][..]),
+        (
+            "\"rate_khz\":1000,\"ch\":3",
+            &["rate_hz = 1000000.0  # ? rate_khz", "first_channel = \"ch\"", "channels = 1 "],
+        ),
+        (
+            "\"dt_us\":0.5,\"nozzle\":3",
+            &["period_s = 5e-7  # ? dt_us", "first_channel = \"nozzle\""],
+        ),
+        ("\"interval_ns\":500", &["period_s = 5e-7  # ? interval_ns"]),
+        ("\"hz\":1e6", &["rate_hz = \"hz\""]),
+        ("\"fs_mhz\":2", &["rate_hz = 2000000.0  # ? fs_mhz"]),
+        ("\"resonance_khz\":65,\"T\":31.0", &["period_s = \"?\""]),
+    ] {
+        let block = of(fields, &["/HA/one"]);
+        says.iter().for_each(|says| assert!(block.contains(says), "{fields}: {block}"));
+        assert!(!block.contains("time = \"T\""), "{block}");
+    }
+    // topics that differ in the channel have their printhead in another part
+    let block = of("\"ch\":0", &["/HA/ch00", "/HA/ch01"]);
+    assert!(block.contains("topic = \"/HA/*\"") && block.contains("{topic.0}"), "{block}");
+}
+
+#[test]
+fn no_single_nozzle_of_an_array_of_objects_is_proposed() {
+    let objects = |n: usize| {
+        let one = format!("{{\"id\":1,\"adc\":{:?}}}", ring(1, 128, false));
+        format!("{{\"hz\":1e6,\"nozzles\":[{}]}}", vec![one; n].join(","))
+    };
+    assert!(block("json", None, objects(1).into(), &["/HA"]).contains("nozzles[0].adc"));
+    assert_eq!(block("json", None, objects(4).into(), &["/HA"]), "");
+}
