@@ -8,6 +8,7 @@ mod recorded; // bursts, recordings and tables: read, written, changed
 
 mod cli; // process boundary: exit codes, hints in messages
 mod contracts; // pipeline.toml = defaults, schemas = code, sample_logs regenerate and retrain
+mod convert; // tables as people and instruments write them: read, or refused with what to do
 mod dialects; // recordings of others: any encoding, tables; paths that lead nowhere; hostile schemas
 mod failing_calls; // every call of the system fails in turn: the next run makes what an undisturbed one makes
 mod floors; // imports go down only

@@ -151,12 +151,16 @@ impl Reason {
     }
 }
 
-/// Why a signal cannot be judged, by its samples (counts) alone: one is NaN or infinite, or two or more
+/// A number of this magnitude or more stands for no number: instruments write 9.9e37 for infinity and 9.91e37
+/// for not-a-number (SCPI).
+pub const NO_VALUE: f64 = 9.8e37;
+
+/// Why a signal cannot be judged, by its samples (counts) alone: one is none, or two or more
 /// consecutive ones are at or beyond a rail, the lower or the upper limit of the converter.
 pub fn unusable_signal(signal: &[f64], rails: [f64; 2]) -> Option<Reason> {
     let at_rail = |y: f64| (y <= rails[0]) | (y >= rails[1]);
     let (finite, railed) = signal.iter().fold((true, false), |(finite, railed), &y| {
-        (finite & (y.abs() < f64::INFINITY), railed | at_rail(y))
+        (finite & (y.abs() < NO_VALUE), railed | at_rail(y))
     });
     if !finite {
         return Some(Reason::NonFinite);

@@ -16,7 +16,7 @@ use super::table_file::{
     ChosenColumns, Columns, Decay, MOST_CELLS, Rows, Table, choose_columns, unread,
 };
 use super::unpanicked::unpanicked;
-use super::{Limits, printable, regular_file, result_file};
+use super::{Limits, printable, regular_file, result_file, time_column, unread_file};
 use arrow_array::cast::AsArray;
 use arrow_array::{Array, ArrayRef, RecordBatchReader as _};
 use arrow_schema::{DataType, TimeUnit};
@@ -29,24 +29,22 @@ const BATCH_ROWS: usize = 4096;
 /// Whether a table is Parquet, by its first bytes; else it is text. A file that is something else is
 /// refused with what to do.
 pub fn is_parquet(path: &Path) -> Result<bool, FileError> {
-    let start = regular_file::start(path, 8).map_err(unread(path))?;
+    let start = regular_file::start(path, 32).map_err(unread(path))?;
     Ok(match start[..] {
         [b'P', b'A', b'R', b'1', ..] => true,
-        // arrays of NumPy (alone, and several in a zip) and Arrow's own files, whose streams begin with
-        // the bytes that stand before each of their messages
-        [0x93, b'N', b'U', b'M', b'P', b'Y', ..]
-        | [b'P', b'K', 3, 4, ..]
-        | [b'A', b'R', b'R', b'O', b'W', b'1', ..]
-        | [0xff, 0xff, 0xff, 0xff, ..] => {
-            let what = "no table: in Python, `import inkling` takes arrays; or export it as CSV or Parquet";
-            return Err(FileError::mistaken(path, what));
-        }
         _ if start.starts_with(b"{") || start.starts_with(MAGIC) => {
             let instead = result_file::instead(path);
             let what = format!("no table{instead}; CSV and Parquet are converted");
             return Err(FileError::mistaken(path, what));
         }
-        _ => false,
+        _ => match unread_file::kind(&start) {
+            Some(kind) => {
+                let what =
+                    "in Python, `import inkling` takes arrays; or export it as CSV or Parquet";
+                return Err(FileError::mistaken(path, format!("no table, but {kind}: {what}")));
+            }
+            None => false,
+        },
     })
 }
 
@@ -105,17 +103,23 @@ fn read_batches(path: &Path, columns: &Columns) -> Result<Table, FileError> {
     if line == 0 {
         return Err(FileError::failed(path, "no rows"));
     }
-    let time = chosen.time.map(|c| with_unit(&chosen.names[c], type_of(c)));
+    // the type of a time beats the column's name
+    let of_type = chosen.time.and_then(|c| unit(type_of(c))).map(of_arrow);
+    if of_type.is_some() && columns.unit.is_some() {
+        let what = "--time-unit has no effect: the type of the column says its unit";
+        return Err(FileError::mistaken(path, what));
+    }
+    let by_name = || chosen.unit(columns).map_err(|what| columns.refused(path, what));
+    let unit = of_type.map_or_else(by_name, |unit| Ok(Some(unit)))?;
     // where a column holds several channels, the column's name is no channel's name
     let several = chosen.outputs.iter().any(|&c| is_list_of_lists(type_of(c)));
-    let outputs = if several { Vec::new() } else { chosen.output_names() };
     // `rows` gives no table if it is empty; then the table is that of the bursts
-    Ok(rows.table(time.clone()).unwrap_or(Table {
-        time,
-        outputs,
+    let table = rows.table(unit).unwrap_or_else(|| Table {
         decays: bursts,
         rows_are_bursts: true,
-    }))
+        ..chosen.table(unit)
+    });
+    Ok(if several { Table { outputs: Vec::new(), ..table } } else { table })
 }
 
 fn are_lists<'a>(
@@ -171,17 +175,14 @@ impl Row<'_> {
     }
 }
 
-/// A column's name with `_ns`, `_us`, `_ms` or `_s` appended if its type says a unit and the name
-/// does not: later steps read the unit of times from the name's ending.
-fn with_unit(name: &str, of: &DataType) -> String {
-    let end = match unit(of) {
-        Some(TimeUnit::Nanosecond) => "_ns",
-        Some(TimeUnit::Microsecond) => "_us",
-        Some(TimeUnit::Millisecond) => "_ms",
-        Some(TimeUnit::Second) => "_s",
-        None => "",
+fn of_arrow(unit: TimeUnit) -> time_column::TimeUnit {
+    let word = match unit {
+        TimeUnit::Nanosecond => "ns",
+        TimeUnit::Microsecond => "us",
+        TimeUnit::Millisecond => "ms",
+        TimeUnit::Second => "s",
     };
-    if name.ends_with(end) { name.to_owned() } else { format!("{name}{end}") }
+    time_column::TimeUnit::called(word).unwrap_or(time_column::TimeUnit::SECONDS)
 }
 
 /// The samples of a row of lists, channel by channel.
@@ -274,6 +275,6 @@ mod tests {
     #[test]
     fn a_column_of_several_channels_is_no_channels_name_and_the_type_of_a_time_beats_its_name() {
         assert!(two_channels("t").outputs.is_empty());
-        assert_eq!(two_channels("t_ms").time.as_deref(), Some("t_ms_s"));
+        assert_eq!(two_channels("t_ms").unit, Some(time_column::TimeUnit::SECONDS));
     }
 }

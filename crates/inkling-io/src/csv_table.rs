@@ -2,98 +2,167 @@
 //!
 //! In: CSV, and which columns are what ([`Columns`]). Out: a [`Table`] of decays.
 //!
-//! Cells are separated by comma, semicolon or tab; with semicolon and tab, decimal commas are read,
-//! too. A byte order mark and lines that begin with `#` are passed over. No cell of times and
-//! outputs is dropped silently: a cell that is no number is an error that names the line, and so is
-//! a missing time; a missing output is kept as NaN, and `sampling.rs` counts it. Of the columns
-//! beside them ([`Columns::beside`]) only the first row of each decay is read.
+//! `table_text.rs` reads the records. With semicolon and tab, decimal commas are read, too; lines that begin
+//! with `#` are passed over, and a row of units below the names is read ([`Units`]). No cell of times and
+//! outputs is dropped silently: a cell that is no number is an error that names the line, and so is a missing
+//! time; a missing output is kept as NaN, and `sampling.rs` counts it. Of the columns beside them
+//! ([`Columns::beside`]) only the first row of each decay is read.
 
 use super::file_error::{FileError, line_of};
-use super::printable;
-use super::regular_file::{self, BoundedRecords};
 use super::table_file::{
-    ChosenColumns, Columns, LONGEST_NAME, Rows, Table, choose_columns, unit_ns, unread,
+    ChosenColumns, Columns, LONGEST_NAME, Rows, Table, choose_columns, unread,
 };
+use super::table_text::{TextError, TextOptions, TextTable};
+use super::time_column::{TimeUnit, numbers_rows};
+use super::{printable, regular_file};
 use chrono::{DateTime, NaiveDateTime};
 use csv::StringRecord;
-use std::io::{BufRead, BufReader, Read};
+use inkling_core::verdict::NO_VALUE;
+use std::io::Read;
 use std::path::Path;
 
 /// Most bytes of CSV that are read; columns that nobody asks for count, too.
 const MOST_BYTES: u64 = 1 << 34;
+/// What people and instruments write where there is no sample.
+const MISSING: &str =
+    "nan na n/a null none - -- ol ovl ovld overload overrange \u{221e} #n/a #num! #div/0! #value!";
 
 pub fn read(path: &Path, columns: &Columns) -> Result<Table, FileError> {
-    let file = regular_file::open(path).map_err(unread(path))?;
-    let mut file = BufReader::with_capacity(1 << 16, file);
-    let delimiter = delimiter(file.fill_buf().map_err(unread(path))?);
-    read_from(file, delimiter, path, columns)
-}
-
-/// The byte that separates cells, told from the first line that is neither empty nor a comment: the semicolon
-/// if that line has one, else the tab if it has one, else the comma.
-fn delimiter(start: &[u8]) -> u8 {
-    let mut lines = start.split(|b| *b == b'\n').filter(|line| !line.trim_ascii().is_empty());
-    let header = lines.find(|line| !line.starts_with(b"#")).unwrap_or_default();
-    [b';', b'\t'].into_iter().find(|d| header.contains(d)).unwrap_or(b',')
+    read_from(regular_file::open(path).map_err(unread(path))?, path, columns)
 }
 
 fn read_from(
-    input: impl Read,
-    delimiter: u8,
+    input: impl Read + 'static,
     path: &Path,
     columns: &Columns,
 ) -> Result<Table, FileError> {
-    let mut csv = csv::ReaderBuilder::new()
-        .trim(csv::Trim::All)
-        .delimiter(delimiter)
-        .comment(Some(b'#'))
-        .from_reader(BoundedRecords::new(input, MOST_BYTES));
-    let failed = |e| csv_error(path, e);
-    let header = csv.headers().map_err(failed)?.clone();
-    if header.is_empty() {
+    let options =
+        TextOptions { skip_lines: columns.skip_lines, comments: true, most_bytes: MOST_BYTES };
+    let mut text = TextTable::open(input, options).map_err(unread(path))?;
+    let table = read_rows(&mut text, path, columns);
+    // what stands before a table is none of its rows, whatever is wrong with it
+    table.map_err(|e| match text.begins_below() {
+        Some(what) => FileError::failed(path, what),
+        None => e,
+    })
+}
+
+fn read_rows(text: &mut TextTable, path: &Path, columns: &Columns) -> Result<Table, FileError> {
+    let at = |line: u64| move |what: String| FileError::Failed { place: line_of(path, line), what };
+    let failed = |e: TextError| match e {
+        TextError::Io(e) => unread(path)(e),
+        TextError::NoText { line } => at(line)("is not UTF-8 text".into()),
+    };
+    let refused = |what| columns.refused(path, what);
+    let Some((_, header)) = text.next_names().map_err(failed)? else {
         let what = "is empty: a line of column names and rows of numbers are needed";
         return Err(FileError::failed(path, what));
+    };
+    let decimal_comma = text.delimiter != b',';
+    let mut chosen = choose(&header, columns, decimal_comma).map_err(refused)?;
+
+    // the first row may be one of units
+    let mut ahead = [text.next_names().map_err(failed)?, text.next().map_err(failed)?];
+    let mut unit = None;
+    if let Some((line, row)) = &ahead[0] {
+        let below = ahead[1].as_ref().map(|(_, row)| row);
+        if let Some(units) = Units::of(row, below, &chosen, decimal_comma) {
+            unit = units.of_time(row, &chosen, columns).map_err(at(*line))?;
+            chosen.outputs.retain(|c| !units.no_outputs.contains(c));
+            chosen.left_out.extend(units.no_outputs);
+            ahead[0] = None;
+        }
+    }
+    if unit.is_none() {
+        unit = chosen.unit(columns).map_err(refused)?;
     }
 
-    let decimal_comma = delimiter != b',';
-    let chosen =
-        choose(&header, columns, decimal_comma).map_err(|what| columns.refused(path, what))?;
-
-    // dates become numbers in the unit of their column, seconds where its name says none; as f64 these hold
+    // dates become numbers in the unit of their column, seconds where nothing says one; as f64 these hold
     // steps of .24 µs
-    let date_unit_ns = chosen.time.and_then(|c| unit_ns(&chosen.names[c])).unwrap_or(1e9);
-
+    let date_unit_ns = unit.unwrap_or(TimeUnit::SECONDS).ns;
     let mut rows = Rows::new(&chosen);
-    let mut record = StringRecord::new();
-    while csv.read_record(&mut record).map_err(failed)? {
-        csv.get_mut().record_ends();
-        let line = record.position().map_or(0, csv::Position::line);
-        let text = |c: Option<usize>| c.and_then(|c| record.get(c)).unwrap_or_default();
+    let mut ahead = ahead.into_iter().flatten();
+    while let Some((line, row)) =
+        ahead.next().map_or_else(|| text.next().map_err(failed), |row| Ok(Some(row)))?
+    {
+        chosen.check_cells(&row).map_err(at(line))?;
+        let text = |c: Option<usize>| c.and_then(|c| row.get(c)).unwrap_or_default();
         let cell = |c: usize| {
-            let cell = record.get(c).unwrap_or_default();
+            let cell = row.get(c).unwrap_or_default();
             // only cells in the column of times may be dates
             let date = || time_in(cell).filter(|_| chosen.time == Some(c));
             let time = || date().map(|ns| ns as f64 / date_unit_ns);
             number_in(cell, decimal_comma).or_else(|e| time().ok_or(e))
         };
-        rows.add(line, text(chosen.burst), text(chosen.printhead), cell)
-            .map_err(|what| FileError::Failed { place: line_of(path, line), what })?;
+        rows.add(line, text(chosen.burst), text(chosen.printhead), cell).map_err(at(line))?;
     }
-    let time = chosen.time.map(|c| chosen.names[c].clone());
-    rows.table(time).ok_or_else(|| FileError::failed(path, "a header and no rows"))
+    rows.table(unit).ok_or_else(|| FileError::failed(path, "a header and no rows"))
 }
 
-fn csv_error(path: &Path, e: csv::Error) -> FileError {
-    let line = e.position().map_or(1, csv::Position::line);
-    let what = match e.into_kind() {
-        csv::ErrorKind::Io(source) => return unread(path)(source),
-        csv::ErrorKind::Utf8 { .. } => "is not UTF-8 text".into(),
-        csv::ErrorKind::UnequalLengths { expected_len, len, .. } => {
-            format!("{len} cells where the header has {expected_len}")
+/// A row of units, as instruments write it below the names.
+struct Units {
+    /// Outputs of which it says that they are none: numbers of rows, and what stands in this row alone.
+    no_outputs: Vec<usize>,
+}
+
+impl Units {
+    /// `below`: the next row. `None`: the row is one of numbers, or has a cell that is neither.
+    fn of(
+        row: &StringRecord,
+        below: Option<&StringRecord>,
+        chosen: &ChosenColumns,
+        decimal_comma: bool,
+    ) -> Option<Units> {
+        let is_text = |c: usize| {
+            let cell = row.get(c).unwrap_or_default();
+            number_in(cell, decimal_comma).is_err() && time_in(cell).is_none()
+        };
+        let is_alone = |c: &usize| below.is_some_and(|of| of.get(*c).is_none_or(str::is_empty));
+        let (texts, others): (Vec<usize>, Vec<usize>) =
+            chosen.outputs.iter().partition(|c| is_text(**c));
+        let are_units = chosen.time.is_none_or(is_text) && others.iter().all(is_alone);
+        let counts = |c: &usize| numbers_rows(row.get(*c).unwrap_or_default());
+        let counting = texts.iter().copied().filter(counts);
+        (are_units && !texts.is_empty())
+            .then(|| Units { no_outputs: others.iter().copied().chain(counting).collect() })
+    }
+
+    /// The unit of the times. An error if it is none, and no option says one.
+    fn of_time(
+        &self,
+        row: &StringRecord,
+        chosen: &ChosenColumns,
+        columns: &Columns,
+    ) -> Result<Option<TimeUnit>, String> {
+        let Some(time) = chosen.time.filter(|_| columns.unit.is_none()) else { return Ok(None) };
+        let cell = row.get(time).unwrap_or_default();
+        if let Ok(Some(unit)) = TimeUnit::in_text(cell) {
+            return Ok(Some(unit));
         }
-        other => format!("{other:?}"),
-    };
-    FileError::Failed { place: line_of(path, line), what }
+        let said = printable::cell(cell);
+        let what = match numbers_rows(cell) {
+            // what stands in this row alone may be the sample period
+            true => format!(
+                "{said:?} counts samples: --period-s says how far apart they are{}",
+                self.told(row, chosen)
+            ),
+            false => format!("{said:?} is no number, and no unit of time that is known"),
+        };
+        Err(chosen.of_column(time, &what))
+    }
+
+    /// The numbers that stand in this row alone.
+    fn told(&self, row: &StringRecord, chosen: &ChosenColumns) -> String {
+        let told = self.no_outputs.iter().filter_map(|&c| {
+            let number = row.get(c).filter(|cell| cell.parse::<f64>().is_ok())?;
+            Some(format!("{} {number}", chosen.names[c]))
+        });
+        let told: Vec<String> = told.collect();
+        match told.is_empty() {
+            true => String::new(),
+            false => printable::line(&format!(" (there are {})", told.join(", ")), 200),
+        }
+    }
 }
 
 /// Parses a time such as 2026-11-01T08:00:00.5Z to ns since 1970. A blank may stand instead of the
@@ -129,9 +198,8 @@ fn choose(
 /// A cell as a number; NaN where it is empty or says that nothing was measured.
 fn number_in(cell: &str, decimal_comma: bool) -> Result<f64, String> {
     let cell = unquoted(cell);
-    if cell.is_empty()
-        || ["nan", "na", "null", "none", "-"].iter().any(|w| cell.eq_ignore_ascii_case(w))
-    {
+    let word = cell.trim_start_matches(['+', '-']).to_lowercase();
+    if cell.is_empty() || MISSING.split(' ').any(|missing| missing == cell || missing == word) {
         return Ok(f64::NAN);
     }
     let parsed = match decimal_comma && cell.contains(',') && !cell.contains('.') {
@@ -139,9 +207,7 @@ fn number_in(cell: &str, decimal_comma: bool) -> Result<f64, String> {
         false => cell.parse(),
     };
     match parsed {
-        // samples are stored as f32; times have the same bound
-        Ok(x) if x.abs() <= f64::from(f32::MAX) || x.is_nan() => Ok(x),
-        Ok(_) => Err(format!("{} is too large for a sample (f32)", printable::cell(cell))),
+        Ok(x) => Ok(if x.abs() < NO_VALUE { x } else { f64::NAN }),
         Err(_) => Err(format!("{:?} is no number", printable::cell(cell))),
     }
 }
@@ -156,9 +222,10 @@ mod tests {
     use super::super::table_file::Decay;
     use super::*;
     use crate::fixtures::assert_refused;
+    use std::io::Cursor;
 
     fn table(text: &[u8], columns: &Columns) -> Result<(Table, Vec<Decay>), FileError> {
-        let mut table = read_from(text, delimiter(text), Path::new("t.csv"), columns)?;
+        let mut table = read_from(Cursor::new(text.to_vec()), Path::new("t.csv"), columns)?;
         let decays = std::mem::take(&mut table.decays);
         Ok((table, decays))
     }
@@ -222,7 +289,6 @@ mod tests {
             ("t,y\n0,1\n1,abc\n", "line 3: column \"y\": \"abc\" is no number"),
             ("t,y\n0,1\n,2\n", "line 3: column \"t\": a row without a time"),
             ("t,y\n0,1\ninf,2\n", "line 3"),
-            ("t,y\n0,1e60\n", "too large"),
             ("t,y\n0,1\n1\n", "line 3: 1 cells where the header has 2"),
             ("t,y\n", "no rows"),
             ("", "is empty: a line of column names"),

@@ -7,12 +7,12 @@
 //! is an error that names its line.
 
 use super::file_error::{FileError, line_of};
-use super::regular_file::{self, BoundedRecords};
-use super::{part_file, printable, result_file};
+use super::table_text::{TextError, TextOptions, TextTable};
+use super::{part_file, printable, regular_file, result_file};
 use chrono::{DateTime, SecondsFormat};
 use inkling_core::fault::{HEALTHY, IGNORE};
 use inkling_core::labels::{Label, Labels, RecordedSpans, known_states, nearest};
-use std::io::Read;
+use std::io::{Cursor, Read};
 use std::path::Path;
 
 /// Most bytes of labels, which is more than a million rows.
@@ -59,7 +59,9 @@ impl LabelSource<'_> {
 
 pub fn read_states(of: LabelSource, states: States) -> Result<Labels, FileError> {
     match of {
-        LabelSource::Text(text) => parse_rows(of.name(), text.as_bytes(), states),
+        LabelSource::Text(text) => {
+            parse_rows(of.name(), Cursor::new(text.as_bytes().to_vec()), states)
+        }
         LabelSource::File(path) => {
             parse_rows(path, regular_file::open(path).map_err(FileError::unread(path))?, states)
         }
@@ -72,7 +74,7 @@ pub fn check(path: &Path, labels: &Labels, met: &RecordedSpans) -> Result<(), Fi
     met.mistake(labels).map_or(Ok(()), mistaken)
 }
 
-fn parse_rows(path: &Path, from: impl Read, states: States) -> Result<Labels, FileError> {
+fn parse_rows(path: &Path, from: impl Read + 'static, states: States) -> Result<Labels, FileError> {
     let mut rows = Vec::new();
     each_row(path, from, |fields| {
         let label = parse(fields)?;
@@ -89,44 +91,43 @@ fn parse_rows(path: &Path, from: impl Read, states: States) -> Result<Labels, Fi
 /// Calls `take` with the fields of every row, those of the columns `HEADER` in its order.
 fn each_row(
     path: &Path,
-    from: impl Read,
+    from: impl Read + 'static,
     mut take: impl FnMut([&str; HEADER.len()]) -> Result<(), String>,
 ) -> Result<(), FileError> {
-    let failed = |source: csv::Error| match source.kind() {
-        csv::ErrorKind::Utf8 { .. } => {
+    let failed = |e: TextError| match e {
+        TextError::Io(e) => FileError::unread(path)(e),
+        TextError::NoText { .. } => {
             let (instead, columns) = (result_file::instead(path), HEADER.join(","));
             let what = format!("no labels{instead}; a text in UTF-8 is needed, CSV with {columns}");
             FileError::mistaken(path, what)
         }
-        _ => FileError::unread(path)(source.into()),
     };
-    let mut csv = csv::ReaderBuilder::new()
-        .trim(csv::Trim::All)
-        .flexible(true)
-        .from_reader(BoundedRecords::new(from, MOST_BYTES));
-    let header = csv.headers().map_err(failed)?.clone();
-    // a byte order mark may stand before the first name
-    let place =
-        |column: &str| header.iter().position(|h| h.trim_start_matches('\u{feff}') == column);
+    let options = TextOptions { most_bytes: MOST_BYTES, ..TextOptions::default() };
+    let mut text = TextTable::open(from, options).map_err(FileError::unread(path))?;
+    let header = text.next().map_err(failed)?.map(|(_, header)| header).unwrap_or_default();
     let mut places = [0; HEADER.len()];
     for (at, column) in places.iter_mut().zip(HEADER) {
-        *at = place(column).ok_or_else(|| {
+        let place = header.iter().position(|name| name.trim_matches('"') == column);
+        *at = place.ok_or_else(|| {
             let columns = HEADER.join(",");
             FileError::mistaken(path, format!("no column `{column}`; labels begin with {columns}"))
         })?;
     }
-    let mut record = csv::StringRecord::new();
     let mut rows = 0;
-    while csv.read_record(&mut record).map_err(failed)? {
-        csv.get_mut().record_ends();
-        let line = record.position().map_or(0, csv::Position::line);
+    while let Some((line, record)) = text.next().map_err(failed)? {
         let mistaken = |what| FileError::Mistaken { place: line_of(path, line), what };
         rows += 1;
         if rows > MOST_ROWS {
             let what = format!("more than {MOST_ROWS} rows: cut the file into several");
             return Err(mistaken(what));
         }
-        take(places.map(|place| record.get(place).unwrap_or(""))).map_err(mistaken)?;
+        let mut fields = places.map(|place| record.get(place).unwrap_or(""));
+        // where commas do not separate cells, severities may have one
+        let severity = fields[5].replace(',', ".");
+        if text.delimiter != b',' {
+            fields[5] = &severity;
+        }
+        take(fields).map_err(mistaken)?;
     }
     Ok(())
 }

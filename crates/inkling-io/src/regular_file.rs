@@ -2,9 +2,8 @@
 //! designs, critiques, tables.
 //!
 //! In: a path, which may be a name in an object store. Out: the file's bytes, and no more than the
-//! caller allows. Only regular files are opened, because a pipe or a device may never end. Tables
-//! that are read record by record go through [`BoundedRecords`], which fails where one record is longer
-//! than any table has.
+//! caller allows. Only regular files are opened, because a pipe or a device may never end. Tables that are read
+//! record by record go through `table_text.rs`.
 
 use super::objects::{self, in_object_store};
 use std::fs::File;
@@ -13,8 +12,6 @@ use std::path::Path;
 
 pub const MOST_SETTINGS_BYTES: u64 = 4 << 20;
 pub const MOST_CRITIQUE_BYTES: u64 = 64 << 20;
-/// Most bytes of one record of a table, with the comment lines before it.
-pub const MOST_RECORD_BYTES: u64 = 4 << 20;
 
 /// Opens a regular file; anything else is an error of kind `InvalidInput`.
 pub fn open(path: &Path) -> io::Result<File> {
@@ -67,50 +64,8 @@ pub fn read_text(path: &Path, most_bytes: u64) -> io::Result<String> {
         .map_err(|_| io::Error::new(io::ErrorKind::InvalidData, "is not UTF-8 text"))
 }
 
-fn too_large(what: String) -> io::Error {
+pub(super) fn too_large(what: String) -> io::Error {
     io::Error::new(io::ErrorKind::FileTooLarge, what)
-}
-
-/// Reads the bytes of a table, and fails where one record, or the whole table, is longer than
-/// allowed. The caller says after each record that it has ended. Without this, a quote that is
-/// never closed would make one record of the whole file.
-pub struct BoundedRecords<R> {
-    input: R,
-    /// Bytes read since the last record ended, and bytes read so far.
-    of_record: u64,
-    of_all: u64,
-    most_bytes: u64,
-}
-
-impl<R: Read> BoundedRecords<R> {
-    /// `most_bytes`: the most that all records together may have.
-    pub fn new(input: R, most_bytes: u64) -> BoundedRecords<R> {
-        BoundedRecords { input, of_record: 0, of_all: 0, most_bytes }
-    }
-
-    pub fn record_ends(&mut self) {
-        self.of_record = 0;
-    }
-}
-
-impl<R: Read> Read for BoundedRecords<R> {
-    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
-        let n = self.input.read(buffer)?;
-        self.of_record += n as u64;
-        self.of_all += n as u64;
-        if self.of_record > MOST_RECORD_BYTES {
-            let what = format!(
-                "a record of more than {MOST_RECORD_BYTES} bytes: no table, or a quote that is \
-                 never closed"
-            );
-            return Err(too_large(what));
-        }
-        if self.of_all > self.most_bytes {
-            let what = format!("more than {} bytes: cut it into several", self.most_bytes);
-            return Err(too_large(what));
-        }
-        Ok(n)
-    }
 }
 
 #[cfg(test)]
@@ -126,20 +81,5 @@ mod tests {
         assert_refused(read(&path, 4), &["more than 4 bytes"]);
         std::fs::write(&path, [0xff, 0xfe]).unwrap();
         assert_refused(read_text(&path, 4), &["UTF-8"]);
-    }
-
-    #[test]
-    fn a_record_without_an_end_ends() {
-        let mut records = BoundedRecords::new(io::repeat(b'x'), 3 * MOST_RECORD_BYTES);
-        let mut buffer = vec![0; MOST_RECORD_BYTES as usize];
-        for _ in 0..3 {
-            assert_eq!(records.read(&mut buffer).unwrap(), buffer.len());
-            records.record_ends();
-        }
-        let all = records.read(&mut buffer).unwrap_err();
-        assert!(all.to_string().contains("cut it into several"), "{all}");
-        let mut records = BoundedRecords::new(io::repeat(b'x'), u64::MAX);
-        assert_eq!(records.read(&mut buffer).unwrap(), buffer.len());
-        assert_refused(records.read(&mut buffer), &["a record of"]);
     }
 }

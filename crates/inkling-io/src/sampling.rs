@@ -9,8 +9,10 @@
 //! time must lie within 3 % of a period from a regular grid (`as_written`). So times written with
 //! few digits (33 and 34 ms for 1/30 s) are regular. With resampling: the period is the usual step
 //! (`median_step`), and each output is interpolated by a natural cubic spline through the samples
-//! that are there (`resampled`).
+//! that are there (`resampled`). Before either, exports of several acquisitions in one table are cut
+//! (`segments.rs`).
 
+use super::segments;
 use super::spline::Spline;
 use super::table_file::Decay;
 use inkling_core::model::median::median;
@@ -22,6 +24,7 @@ const MOST_PERIOD_DIFFERENCE: f64 = 1e-3;
 /// Most samples of one signal that a recording may hold.
 pub const MOST_SAMPLES: usize = 65_536;
 const FEWEST_SAMPLES: usize = 4;
+const BY_ROWS: &str = "--period-s takes rows as samples one after the other, so many seconds apart";
 
 /// Decays on one sample period, and what had to be done for that.
 #[derive(Clone, Debug, Default)]
@@ -35,9 +38,22 @@ pub struct Sampled {
     pub interpolated: usize,
     /// How many cells were missing, or not numbers.
     pub missing: usize,
+    /// How many decays were cut out of longer ones.
+    pub segments: usize,
+}
+
+impl Sampled {
+    /// Adds what had to be done for another table.
+    pub fn add(&mut self, other: &Sampled) {
+        self.most_off_grid = self.most_off_grid.max(other.most_off_grid);
+        self.interpolated += other.interpolated;
+        self.missing += other.missing;
+        self.segments += other.segments;
+    }
 }
 
 pub fn sample(decays: Vec<Decay>, time: &str, resample: bool) -> Result<Sampled, String> {
+    let (decays, segments) = segments::cut(decays);
     decays.iter().try_for_each(|decay| check(decay, time))?;
     let period = if resample { median_step } else { fitted_period };
     let periods: Vec<f64> = decays.iter().map(|decay| period(&decay.times)).collect();
@@ -58,7 +74,7 @@ pub fn sample(decays: Vec<Decay>, time: &str, resample: bool) -> Result<Sampled,
     }
 
     let mut sampled =
-        Sampled { period: common, missing: cells_missing(&decays), ..Sampled::default() };
+        Sampled { period: common, missing: cells_missing(&decays), segments, ..Sampled::default() };
     for decay in decays {
         let regular = match resample {
             true => resampled(decay, common, &mut sampled)?,
@@ -97,6 +113,14 @@ fn check(decay: &Decay, time: &str) -> Result<(), String> {
 
     if let Some(k) = (1..n).find(|&k| decay.times[k] <= decay.times[k - 1]) {
         let (before, after) = (decay.times[k - 1], decay.times[k]);
+        let again = segments::standing(&decay.times);
+        if again > 0 {
+            let what = format!(
+                "{time:?} has too few digits: {again} of its {n} times are those of the row before, such as \
+                 {after}; {BY_ROWS}"
+            );
+            return Err(refused(decay, what));
+        }
         let what = format!(
             "{:?} does not increase at its row {}: {after} after {before}; sort the rows, or name \
              the column that tells decays apart with --burst (time: --time)",
@@ -180,12 +204,16 @@ fn as_written(decay: Decay, period: f64, so_far: &mut Sampled) -> Result<Decay, 
         let steps = decay.times.windows(2).map(|w| w[1] - w[0]);
         let (least, most) =
             steps.fold((f64::INFINITY, 0.0_f64), |(l, m), step| (l.min(step), m.max(step)));
+        let (least, most) = (rounded(least), rounded(most));
+        if segments::are_rounded(&decay.times) {
+            let what =
+                format!("times with too few digits: steps from {least} to {most}; {BY_ROWS}");
+            return Err(refused(&decay, what));
+        }
         let what = format!(
-            "irregular sampling: steps from {} to {}; {uneven} of {n} times lie more than \
+            "irregular sampling: steps from {least} to {most}; {uneven} of {n} times lie more than \
              {MOST_OFF_GRID} of a period from a regular grid, furthest {} (its row {}, {:.2} periods \
              off); --resample interpolates to a regular one",
-            rounded(least),
-            rounded(most),
             decay.times[worst],
             worst + 1,
             off(worst)
@@ -200,6 +228,9 @@ fn as_written(decay: Decay, period: f64, so_far: &mut Sampled) -> Result<Decay, 
 /// Says in words where rows are missing, if the times lie on a grid except for missing rows.
 fn missing(times: &[f64]) -> Option<String> {
     const MOST_TOLD: usize = 3;
+    if segments::are_rounded(times) {
+        return None;
+    }
     let period = median_step(times);
     let (mut gaps, mut count, mut k) = (Vec::new(), 0, 0.0);
     for pair in times.windows(2) {

@@ -10,6 +10,7 @@
 
 use super::dialect::value::{Gathered, Samples};
 use super::file_error::FileError;
+use super::time_column::{self, TimeUnit};
 use super::{Limits, printable};
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;
@@ -35,9 +36,14 @@ pub(super) fn unread(path: &Path) -> impl Fn(io::Error) -> FileError {
 /// Which columns of a table are what, by name.
 #[derive(Clone, Debug, Default)]
 pub struct Columns {
-    /// Column of times. `None`: the first column that is none of `burst`, `printhead` and `beside`,
-    /// unless `rows_are_samples`. If `outputs` names that first column, the choice is refused.
+    /// Column of times. `None`: the one that is called time, else the first column that is none of `burst`,
+    /// `printhead` and `beside`, unless `rows_are_samples`. If `outputs` names that column, the choice is
+    /// refused.
     pub time: Option<String>,
+    /// The unit of times; `None`: the table says it.
+    pub unit: Option<TimeUnit>,
+    /// Lines that are passed over before the table begins, of a text.
+    pub skip_lines: u64,
     /// Columns of outputs, in the order of the channels. `None`: all columns that are nothing else.
     pub outputs: Option<Vec<String>>,
     /// Rows that have the same value here, and the same printhead, are one decay.
@@ -56,8 +62,9 @@ impl Columns {
     /// A wrong choice is the user's mistake if the user named any column, otherwise the table's
     /// fault. A printhead's name does not count, as it need not be a column's.
     pub(super) fn refused(&self, path: &Path, what: String) -> FileError {
-        let Columns { time, outputs, burst, beside, .. } = self;
-        match time.is_some() || outputs.is_some() || burst.is_some() || !beside.is_empty() {
+        let Columns { time, unit, outputs, burst, beside, skip_lines, .. } = self;
+        let chosen = time.is_some() || outputs.is_some() || burst.is_some() || !beside.is_empty();
+        match chosen || unit.is_some() || *skip_lines > 0 {
             true => FileError::mistaken(path, what),
             false => FileError::failed(path, what),
         }
@@ -94,9 +101,12 @@ impl Decay {
 }
 
 pub struct Table {
-    /// The name of the column of times, whose ending (such as `_ns`) says the unit ([`unit_ns`]);
-    /// the reader adds the ending if the column's type says the unit.
+    /// The name of the column of times.
     pub time: Option<String>,
+    /// The unit of the times; `None`: nothing says it.
+    pub unit: Option<TimeUnit>,
+    /// Names of columns that are no outputs, though nobody said so.
+    pub left_out: Vec<String>,
     /// Names in the order of the channels; empty where a column holds several channels.
     pub outputs: Vec<String>,
     /// In the order of their first rows.
@@ -110,12 +120,6 @@ impl Table {
     pub fn first_time(&self) -> Option<f64> {
         self.time.as_ref().and(self.decays.first()?.times.first().copied())
     }
-}
-
-/// The unit of a column of times in ns (1e9 for `_s`), if the ending of the column's name says one.
-pub fn unit_ns(column: &str) -> Option<f64> {
-    let units = [("_s", 1e9), ("_ms", 1e6), ("_us", 1e3), ("_ns", 1.0)];
-    units.iter().find(|(end, _)| column.ends_with(end)).map(|(_, ns)| *ns)
 }
 
 pub(super) struct Rows<'a> {
@@ -184,9 +188,9 @@ impl Rows<'_> {
         Ok(())
     }
 
-    pub fn table(self, time: Option<String>) -> Option<Table> {
-        let (outputs, decays) = (self.chosen.output_names(), self.decays);
-        (!decays.is_empty()).then_some(Table { time, outputs, decays, rows_are_bursts: false })
+    /// The table of these rows; `None`: there are none.
+    pub fn table(self, unit: Option<TimeUnit>) -> Option<Table> {
+        (!self.decays.is_empty()).then(|| Table { decays: self.decays, ..self.chosen.table(unit) })
     }
 }
 
@@ -198,16 +202,42 @@ pub(super) struct ChosenColumns {
     pub burst: Option<usize>,
     pub printhead: Option<usize>,
     pub beside: Vec<usize>,
+    /// Columns that number the rows or hold remarks.
+    pub left_out: Vec<usize>,
 }
 
 impl ChosenColumns {
+    /// A table of these columns without decays.
+    pub fn table(&self, unit: Option<TimeUnit>) -> Table {
+        let names = |of: &[usize]| of.iter().map(|&c| self.names[c].clone()).collect();
+        let (outputs, left_out) = (names(&self.outputs), names(&self.left_out));
+        let time = self.time.map(|c| self.names[c].clone());
+        Table { time, unit, left_out, outputs, decays: Vec::new(), rows_are_bursts: false }
+    }
+
+    /// The unit of the times: the one that is given, else what the column's name says.
+    pub fn unit(&self, columns: &Columns) -> Result<Option<TimeUnit>, String> {
+        match (self.time, columns.unit) {
+            (None, Some(_)) => Err("--time-unit has no effect: no column is that of time".into()),
+            (None, None) => Ok(None),
+            (Some(_), Some(unit)) => Ok(Some(unit)),
+            (Some(c), None) => TimeUnit::in_name(&self.names[c]),
+        }
+    }
+
+    /// Refuses a row that lacks a cell that is asked for, or has more cells than there are names. What is empty
+    /// behind the last name is left by a separator at the end.
+    pub fn check_cells(&self, row: &csv::StringRecord) -> Result<(), String> {
+        let asked = self.time.iter().chain(&self.outputs).chain(&self.burst).chain(&self.printhead);
+        let needed = asked.chain(&self.beside).max().map_or(0, |last| last + 1);
+        let is_there = row.iter().skip(self.names.len()).all(str::is_empty) && row.len() >= needed;
+        let what = || format!("{} cells where the header has {}", row.len(), self.names.len());
+        is_there.then_some(()).ok_or_else(what)
+    }
+
     /// An error about a cell, with the name of its column before it.
     pub fn of_column(&self, c: usize, what: &str) -> String {
         format!("column {:?}: {what}", self.names[c])
-    }
-
-    pub fn output_names(&self) -> Vec<String> {
-        self.outputs.iter().map(|&c| self.names[c].clone()).collect()
     }
 }
 
@@ -239,15 +269,20 @@ pub(super) fn choose_columns(
     let time = match &columns.time {
         Some(name) => Some(place(name)?),
         None if columns.rows_are_samples => None,
-        None => {
-            let first = (0..names.len()).find(|c| !taken(*c));
-            Some(first.ok_or("there is no column left for time")?)
-        }
+        None => Some(time_among(&names, |c| !taken(c))?),
     };
 
-    let outputs: Vec<usize> = match &columns.outputs {
-        Some(outputs) => outputs.iter().map(|name| place(name)).collect::<Result<_, _>>()?,
-        None => (0..names.len()).filter(|c| Some(*c) != time && !taken(*c)).collect(),
+    // what numbers the rows stands before the time, or else first; remarks stand last
+    let is_no_output = |c: usize| {
+        c <= time.unwrap_or(0) && time_column::numbers_rows(&names[c])
+            || c + 1 == names.len() && time_column::holds_remarks(&names[c])
+    };
+    let rest = (0..names.len()).filter(|c| Some(*c) != time && !taken(*c));
+    let (outputs, left_out): (Vec<usize>, Vec<usize>) = match &columns.outputs {
+        Some(outputs) => {
+            (outputs.iter().map(|name| place(name)).collect::<Result<_, _>>()?, Vec::new())
+        }
+        None => rest.partition(|c| !is_no_output(*c)),
     };
     if outputs.is_empty() {
         let time = time.map_or("", |c| &names[c]);
@@ -263,11 +298,36 @@ pub(super) fn choose_columns(
         place(&names[c])?;
         if used.get(i + 1) == Some(&c) {
             let why = match columns.time.is_none() && time == Some(c) {
-                true => ": as the first column it is that of time, unless --time names another",
+                true => ": it is that of time, unless --time names another",
                 false => "",
             };
             return Err(format!("the column {:?} is asked for twice{why}", names[c]));
         }
     }
-    Ok(ChosenColumns { names, time, outputs, burst, printhead, beside })
+    Ok(ChosenColumns { names, time, outputs, burst, printhead, beside, left_out })
+}
+
+/// The column of time among those that are `free`: the first one if it is called so, else the only one that
+/// is called so, else the first one, unless that numbers the rows.
+fn time_among(names: &[String], free: impl Fn(usize) -> bool) -> Result<usize, String> {
+    let free: Vec<usize> = (0..names.len()).filter(|c| free(*c)).collect();
+    let first = *free.first().ok_or("there is no column left for time")?;
+    let is_time = |c: &&usize| time_column::is_time(&names[**c]);
+    let called: Vec<usize> = free.iter().filter(is_time).copied().collect();
+    match called[..] {
+        [one] => Ok(one),
+        _ if called.contains(&first) => Ok(first),
+        [] if !time_column::numbers_rows(&names[first]) => Ok(first),
+        [] => {
+            let what = format!("no column is called time, and {:?} numbers the rows", names[first]);
+            Err(format!(
+                "{what}: --time names the column of times, or --period-s says how far apart samples are"
+            ))
+        }
+        _ => {
+            let called: Vec<&str> = called.iter().map(|&c| &*names[c]).collect();
+            let called = printable::line(&called.join(", "), MOST_NAMED);
+            Err(format!("several columns are called time ({called}): --time says which"))
+        }
+    }
 }

@@ -5,7 +5,8 @@
 use super::super::exit::Failure;
 use super::burst_clock::{is_representable, time_in_name};
 use inkling_io::table_file::Decay;
-use std::path::PathBuf;
+use inkling_io::time_column::TimeUnit;
+use std::path::{Path, PathBuf};
 
 /// Longest printhead name.
 pub const LONGEST_NAME: usize = 200;
@@ -18,15 +19,19 @@ pub const SOME_START: &str = "2025-01-01T08:00:00Z";
   inkling convert gaps.csv --time time_s --outputs output_v --burst gap \\
       -o gaps.mcap
   inkling convert pendulum.csv --resample -o pendulum.mcap
+  inkling convert scope.csv --skip-lines 12 --time-unit us -o scope.mcap
+  inkling convert scope_*.csv --every 0.5 -o scope.mcap
   inkling convert night.parquet --burst drop --period-s 5e-7 --printhead K1 \\
       -o night.mcap
   inkling convert K1_20261101T0800.parquet --period-s 5e-7 --start name \\
       --every 0.02 -o K1.mcap
 
-A table (CSV with comma, semicolon or tab; Parquet): time is in seconds, unless its \
-column's name ends in _ms, _us or _ns, its type says so, or they are so large that they count from \
+A table (CSV with comma, semicolon or tab; Parquet): the column of time is the one that is called \
+so, else the first. Its unit is what its name or a row of units says, such as Time (ms), t_us \
+or t/ns, or its type; else seconds, unless they are so large that they count from \
 1970; times of 1979 and later, and such as 2026-11-01T08:00:00Z, are UTC. Each output \
-becomes a channel (in the order of --outputs), each value of --burst a burst; --printhead may name a \
+becomes a channel (in the order of --outputs), each value of --burst a burst; so does each of several \
+tables, and each segment where an instrument exports them in one. --printhead may name a \
 column. Sampling must be \
 regular, but for the rounding of written times; --resample interpolates (cubic spline) to the \
 usual sample period. With --period-s rows are samples one after the other, and --time is when a \
@@ -35,14 +40,21 @@ judged from Python (import inkling). Samples are stored as int16 where all of a 
 outputs of one recording as one system: what is independent becomes recordings of its own \
 (--outputs).")]
 pub struct Args {
-    /// Table: CSV, Parquet
-    pub table: PathBuf,
+    /// Tables: CSV, Parquet; bursts of one after those of the other
+    #[arg(required = true, value_name = "TABLE")]
+    pub tables: Vec<PathBuf>,
     /// Recording to write
     #[arg(short, long, value_name = "RECORDING")]
     pub out: PathBuf,
-    /// Column of time [default: the first]
+    /// Column of time [default: the one that is called so, else the first]
     #[arg(long, value_name = "COLUMN")]
     pub time: Option<String>,
+    /// Unit of times: s, ms, us, ns, min, h or d [default: as the column's name says]
+    #[arg(long, value_name = "UNIT")]
+    pub time_unit: Option<String>,
+    /// Lines before the table that are passed over
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub skip_lines: u64,
     /// Columns of outputs [default: the rest]
     #[arg(long, value_name = "COLUMN,...", value_delimiter = ',')]
     pub outputs: Option<Vec<String>>,
@@ -94,7 +106,7 @@ impl Args {
     /// if the time is taken from there.
     pub fn name(&self) -> Result<String, Failure> {
         let Some(name) = &self.printhead else {
-            let stem = self.stem();
+            let stem = stem(&self.tables[0]);
             let time = time_in_name(&stem).filter(|_| self.start.as_deref() == Some("name"));
             let name = time.map_or(stem, |time| time.without);
             return Ok(name.chars().take(LONGEST_NAME).collect());
@@ -104,9 +116,12 @@ impl Args {
         is_good.then(|| name.clone()).ok_or_else(what)
     }
 
-    /// The name of the table's file, without its ending.
-    fn stem(&self) -> String {
-        self.table.file_stem().unwrap_or_default().to_string_lossy().into_owned()
+    /// The unit of `--time-unit`.
+    pub fn unit(&self) -> Result<Option<TimeUnit>, Failure> {
+        let Some(word) = &self.time_unit else { return Ok(None) };
+        let wrong =
+            || Failure::usage(format!("--time-unit {word:?}: give s, ms, us, ns, min, h or d"));
+        TimeUnit::called(word).map(Some).ok_or_else(wrong)
     }
 
     /// Refuses options that contradict each other, have no effect, or whose numbers are out of range.
@@ -133,11 +148,11 @@ impl Args {
         Ok(())
     }
 
-    /// The time of `--start`, ns; `None` if the option is not given.
-    pub fn start_ns(&self) -> Result<Option<i64>, Failure> {
+    /// The time of `--start`, ns, for this table; `None` if the option is not given.
+    pub fn start_ns(&self, table: &Path) -> Result<Option<i64>, Failure> {
         let Some(text) = &self.start else { return Ok(None) };
         let (ns, why_none) = if text == "name" {
-            let stem = self.stem();
+            let stem = stem(table);
             let such = "20261101T080000 or 2026-11-01_08-00-00";
             let why = format!("--start name: there is no time such as {such} in {stem:?}");
             (time_in_name(&stem).map(|time| time.ns), why)
@@ -149,6 +164,11 @@ impl Args {
         };
         ns.map(Some).ok_or_else(|| Failure::usage(why_none))
     }
+}
+
+/// The name of a table's file, without its ending.
+fn stem(table: &Path) -> String {
+    table.file_stem().unwrap_or_default().to_string_lossy().into_owned()
 }
 
 /// A number that an option gives: a constant for all bursts, or the index of a column among those that are

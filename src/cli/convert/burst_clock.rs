@@ -39,10 +39,12 @@ pub struct BurstClock {
 }
 
 impl BurstClock {
-    /// A clock that has given no time yet, by the options `--start` and `--every`.
-    pub fn new(start_ns: Option<i64>, every_s: Option<f64>) -> BurstClock {
+    /// Begins anew, by the options `--start` and `--every`; what is told of earlier bursts stays.
+    pub fn start_at(&mut self, start_ns: Option<i64>, every_s: Option<f64>) {
         let (every_ns, free_from_ns) = (every_s.map(|s| s * 1e9), f64::NEG_INFINITY);
-        BurstClock { start_ns, every_ns, free_from_ns, ..BurstClock::default() }
+        let BurstClock { moved, untimed, absolute, .. } = *self;
+        let first = BurstClock { start_ns, every_ns, free_from_ns, ..BurstClock::default() };
+        *self = BurstClock { moved, untimed, absolute, ..first };
     }
 
     /// The time of the next burst, ns since the epoch; `None` if it is not between 1970 and 2200. `time_ns`:
@@ -168,6 +170,12 @@ fn date_time(text: &[u8]) -> Option<(i64, &[u8])> {
 mod tests {
     use super::*;
 
+    fn begun(start_ns: Option<i64>, every_s: Option<f64>) -> BurstClock {
+        let mut clock = BurstClock::default();
+        clock.start_at(start_ns, every_s);
+        clock
+    }
+
     fn starts(clock: &mut BurstClock, times_s: &[f64], length_s: f64) -> Option<Vec<i64>> {
         let length_ns = length_s * 1e9;
         times_s.iter().map(|t| clock.next(Some(*t * 1e9), length_ns, length_ns / 10.0)).collect()
@@ -175,24 +183,24 @@ mod tests {
 
     #[test]
     fn bursts_stand_where_the_table_has_them_or_follow_each_other() {
-        let mut clock = BurstClock::new(Some(5_000), None);
+        let mut clock = begun(Some(5_000), None);
         let at = starts(&mut clock, &[0.007, 0.1, 0.11], 0.01).unwrap();
         assert_eq!((at, clock.moved), (vec![5_000, 93_005_000, 103_005_000], 0));
-        let mut clock = BurstClock::new(Some(0), None);
+        let mut clock = begun(Some(0), None);
         let at = starts(&mut clock, &[0.0, 0.0, 3.0], 10.0).unwrap();
         assert_eq!((at, clock.moved), (vec![0, 10_000_000_000, 20_000_000_000], 2));
-        assert!(starts(&mut BurstClock::new(Some(0), None), &[0.0, 1e12], 1.0).is_none());
+        assert!(starts(&mut begun(Some(0), None), &[0.0, 1e12], 1.0).is_none());
     }
 
     #[test]
     fn late_times_are_utc_and_every_counts_from_the_start() {
-        let mut clock = BurstClock::new(None, None);
+        let mut clock = begun(None, None);
         let at = starts(&mut clock, &[1.7e9, 1.7e9 + 0.5], 1.0).unwrap();
         assert_eq!(at, [1_700_000_000_000_000_000, 1_700_000_000_500_000_000]);
-        let mut clock = BurstClock::new(Some(7), Some(0.5));
+        let mut clock = begun(Some(7), Some(0.5));
         let at: Vec<_> = (0..3).map(|_| clock.next(None, 1e9, 1e6).unwrap()).collect();
         assert_eq!(at, [7, 500_000_007, 1_000_000_007]);
-        let mut clock = BurstClock::new(Some(7), None);
+        let mut clock = begun(Some(7), None);
         let at: Vec<_> = (0..2).map(|_| clock.next(None, 1e9, 1e6).unwrap()).collect();
         assert_eq!((at, clock.moved), (vec![7, 1_000_000_007], 0));
     }

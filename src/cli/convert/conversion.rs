@@ -11,7 +11,7 @@ use super::super::progress::thousands;
 use super::super::report::printable;
 use super::args::{Args, BurstValue, BurstValues, LONGEST_NAME, SOME_START};
 use super::burst_clock::BurstClock;
-use super::input_bursts::{InputBursts, TimeUnit};
+use super::input_bursts::{InputBursts, Times};
 use bytes::Bytes;
 use inkling_core::burst::{Burst, Layout};
 use inkling_io::sampling::Sampled;
@@ -19,7 +19,7 @@ use inkling_io::table_file::Decay;
 use serde::Serialize;
 use std::collections::BTreeSet;
 use std::io::Write;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 /// Longest sample period, s: even tides, sampled every ten minutes, have a shorter one.
@@ -34,9 +34,13 @@ pub struct Conversion<'a> {
     /// The sample period, s: the one of the option, or else that of the table's own times; `None`:
     /// nothing gives it.
     period: Option<BurstValue>,
-    /// The unit of the table's times; `None`: it has no column of times.
-    unit: Option<TimeUnit>,
+    /// What the table's times mean; `None`: it has no column of times.
+    times: Option<Times>,
     clock: BurstClock,
+    /// How regular the times of all tables are, if they are times of samples.
+    sampled: Option<Sampled>,
+    /// The table whose bursts are made.
+    table: PathBuf,
     pub made: Made<'a>,
 }
 
@@ -56,44 +60,76 @@ pub struct Made<'a> {
     printheads: BTreeSet<Arc<str>>,
     /// Number of cells without a value.
     cells_missing: usize,
-    /// The unit of times that was recognised by their size.
+    /// Columns that are no outputs, though nobody said so.
+    left_out: Vec<String>,
+    /// The unit in which times were read.
     times_in: Option<&'static str>,
 }
 
 impl<'a> Conversion<'a> {
-    /// A conversion that has made no burst yet. `start_ns`: time of the first burst by `--start`.
-    pub fn new(
-        args: &'a Args,
-        values: &'a BurstValues,
-        input: &InputBursts,
-        start_ns: Option<i64>,
-    ) -> Result<Conversion<'a>, Failure> {
+    /// A conversion that has made no burst yet.
+    pub fn new(args: &'a Args, values: &'a BurstValues) -> Result<Conversion<'a>, Failure> {
         Ok(Conversion {
             args,
             printhead: args.name()?.into(),
             values,
-            period: values.period_s.or(input.period_s.map(BurstValue::Constant)),
-            unit: input.unit,
-            clock: BurstClock::new(start_ns, args.every),
+            period: None,
+            times: None,
+            clock: BurstClock::default(),
+            sampled: None,
+            table: PathBuf::new(),
             made: Made {
                 recording: &args.out,
                 bursts: 0,
                 samples: 0,
                 sample_period_s: [f64::INFINITY, 0.0],
                 samples_per_channel: [u32::MAX, 0],
-                outputs: input.outputs.clone(),
+                outputs: Vec::new(),
                 printheads: BTreeSet::new(),
-                cells_missing: input.missing,
-                times_in: input.unit.and_then(|unit| unit.by_size),
+                cells_missing: 0,
+                left_out: Vec::new(),
+                times_in: None,
             },
         })
+    }
+
+    /// Begins with the next table. `start_ns`: time of its first burst by `--start`. A failure if it is no more
+    /// of the same as the table before.
+    pub fn begin(
+        &mut self,
+        table: &Path,
+        input: &InputBursts,
+        start_ns: Option<i64>,
+    ) -> Result<(), Failure> {
+        let is_first = self.table.as_os_str().is_empty();
+        if !is_first && self.made.outputs != input.outputs {
+            let [other, own] = [&self.made.outputs, &input.outputs].map(|of| of.join(", "));
+            let what =
+                printable(&format!("its outputs are {own}, those of the table before {other}"));
+            return Err(Failure::new(format!("{}: {what}", table.display())));
+        }
+        // each name says when its own table began; any other start is that of them all
+        if is_first || self.args.start.as_deref() == Some("name") {
+            self.clock.start_at(start_ns, self.args.every);
+        }
+        self.table = table.into();
+        self.period = self.values.period_s.or(input.period_s.map(BurstValue::Constant));
+        self.times.clone_from(&input.times);
+        self.made.outputs.clone_from(&input.outputs);
+        self.made.left_out.clone_from(&input.left_out);
+        self.made.times_in = input.times.as_ref().map(|times| times.unit.name);
+        self.made.cells_missing += input.missing;
+        if let Some(new) = &input.sampled {
+            self.sampled.get_or_insert_default().add(new);
+        }
+        Ok(())
     }
 
     /// Makes the next burst from a decay. A failure if its sample period or its time is
     /// not plausible, which names the burst by its number from 0 on.
     pub fn burst(&mut self, decay: &Decay) -> Result<Burst, Failure> {
-        let (args, n) = (self.args, self.made.bursts);
-        let wrong = |what: &str| Failure::new(format!("{}: {what}", args.table.display()));
+        let (args, n, table) = (self.args, self.made.bursts, self.table.clone());
+        let wrong = |what: &str| Failure::new(format!("{}: {what}", table.display()));
         let of_burst = |what: &str| wrong(&format!("burst {n}: {what}"));
         let nobody = || Failure::usage("--period-s: nothing else says the sample period");
         // the sample period: plausible, and known for this burst
@@ -110,7 +146,7 @@ impl<'a> Conversion<'a> {
         let period_ns = period_s * 1e9;
         let samples_per_channel = decay.outputs.first().map_or(0, Vec::len) as u32;
         let length_ns = f64::from(samples_per_channel) * period_ns;
-        let time_ns = self.unit.zip(decay.times.first()).map(|(unit, t)| t * unit.ns);
+        let time_ns = self.times.as_ref().zip(decay.times.first()).map(|(of, t)| of.ns(*t));
         if time_ns.is_some_and(|t| !t.is_finite()) {
             return Err(of_burst("it has no time"));
         }
@@ -174,7 +210,7 @@ impl<'a> Conversion<'a> {
     }
 
     /// Prints what became of the table, and which of its properties had to be assumed.
-    pub fn tell(&self, sampled: Option<&Sampled>) -> std::io::Result<()> {
+    pub fn tell(&self) -> std::io::Result<()> {
         let made = &self.made;
         let mut out = output::report();
         let path = self.args.out.display();
@@ -187,7 +223,14 @@ impl<'a> Conversion<'a> {
             let channel = n + u64::from(self.args.first_channel);
             writeln!(out, "  channel {channel}: {}", printable(output))?;
         }
-        if let Some(Sampled { interpolated, missing, most_off_grid, .. }) = sampled {
+        if let Some(Sampled { interpolated, missing, most_off_grid, segments, .. }) = &self.sampled
+        {
+            if *segments > 0 {
+                writeln!(
+                    out,
+                    "  {segments} bursts are segments: times jump after equally many samples"
+                )?;
+            }
             if self.args.resample {
                 write!(out, "  resampled: {interpolated} of {samples} samples interpolated, ")?;
                 writeln!(out, "{missing} cells were missing")?;
@@ -195,8 +238,17 @@ impl<'a> Conversion<'a> {
                 writeln!(out, "  times within {most_off_grid:.3} periods of a regular grid")?;
             }
         }
-        if let Some(unit) = made.times_in {
-            writeln!(out, "  times are taken as {unit} since 1970, by their size")?;
+        if let Some(Times { unit, why, .. }) = &self.times {
+            writeln!(out, "  times are taken as {}, {}", unit.name, printable(why))?;
+        }
+        if !made.left_out.is_empty() {
+            let left_out: Vec<String> =
+                made.left_out.iter().map(|name| format!("{name:?}")).collect();
+            let left_out = printable(&left_out.join(", "));
+            writeln!(
+                out,
+                "  no outputs, as they number rows or are remarks: {left_out} (--outputs)"
+            )?;
         }
         if !made.printheads.is_empty() {
             writeln!(out, "  printheads by their column: {}", made.printheads.len())?;

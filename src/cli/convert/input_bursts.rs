@@ -1,26 +1,30 @@
 //! Reads the bursts of a table, and finds the unit of its times.
 //!
-//! In: the options. Out: decays, one per burst ([`InputBursts`]). There are two forms. Where cells
-//! are lists, rows are bursts. Where rows are samples (a decay per burst), their times must lie on a
-//! regular grid, give the sample period, and may be resampled.
+//! In: the options, and one of the tables. Out: decays, one per burst ([`InputBursts`]). There are two forms.
+//! Where cells are lists, rows are bursts. Where rows are samples (a decay per burst), their times must lie on
+//! a regular grid, give the sample period, and may be resampled.
 
 use super::super::exit::Failure;
 use super::args::Args;
 use inkling_io::sampling::{self, Sampled};
-use inkling_io::table_file::{self, Columns, Decay, Table};
+use inkling_io::table_file::{Columns, Decay, Table};
+use inkling_io::time_column::TimeUnit;
 use inkling_io::{columnar, csv_table};
+use std::path::Path;
 
 /// The bursts of a table, and what is to be told about it.
 #[derive(Default)]
 pub struct InputBursts {
     pub decays: Vec<Decay>,
-    /// The unit of the column of times, if there is one.
-    pub unit: Option<TimeUnit>,
+    /// The times, if there is a column of them.
+    pub times: Option<Times>,
     /// The sample period, s, if the table's own times give it.
     pub period_s: Option<f64>,
     /// Number of cells without a value that no interpolation fills.
     pub missing: usize,
     pub outputs: Vec<String>,
+    /// Columns that are no outputs, though nobody said so.
+    pub left_out: Vec<String>,
     /// How regular the table's times are, if they are the times of samples.
     pub sampled: Option<Sampled>,
 }
@@ -28,9 +32,11 @@ pub struct InputBursts {
 impl InputBursts {
     /// Reads a table. Its rows are samples, or whole bursts if its cells are lists. `beside`: columns that
     /// are read beside the samples.
-    pub fn open(args: &Args, beside: &[String]) -> Result<InputBursts, Failure> {
+    pub fn open(path: &Path, args: &Args, beside: &[String]) -> Result<InputBursts, Failure> {
         let columns = Columns {
             time: args.time.clone(),
+            unit: args.unit()?,
+            skip_lines: args.skip_lines,
             outputs: args.outputs.clone(),
             burst: args.burst.clone(),
             printhead: args.printhead.clone(),
@@ -39,19 +45,23 @@ impl InputBursts {
         };
 
         // 1. read the file by its kind
-        let table = match columnar::is_parquet(&args.table)? {
-            true => columnar::read(&args.table, &columns)?,
-            false => csv_table::read(&args.table, &columns)?,
+        let table = match columnar::is_parquet(path)? {
+            true if args.skip_lines > 0 => {
+                return Err(Failure::usage("--skip-lines has no effect: Parquet has no lines"));
+            }
+            true => columnar::read(path, &columns)?,
+            false => csv_table::read(path, &columns)?,
         };
 
         // 2. the unit of its times; rows that are bursts need nothing more
-        let first_time = table.first_time();
-        let Table { time, outputs, decays, rows_are_bursts } = table;
-        let unit = time.as_ref().map(|time| TimeUnit::of(time, first_time));
+        let failed = |what: String| Failure::new(format!("{}: {what}", path.display()));
+        let times = Times::of(&table, &columns).map_err(failed)?;
+        let Table { time, outputs, left_out, decays, rows_are_bursts, .. } = table;
+        let input = InputBursts { times, outputs, left_out, ..InputBursts::default() };
         if rows_are_bursts {
             return match args.resample {
                 true => Err(Failure::usage("--resample has no effect: each row is a burst")),
-                false => Ok(InputBursts { decays, unit, outputs, ..InputBursts::default() }),
+                false => Ok(InputBursts { decays, ..input }),
             };
         }
 
@@ -62,42 +72,70 @@ impl InputBursts {
             Some(time) => sampling::sample(decays, time, args.resample),
             None => sampling::as_listed(decays),
         }
-        .map_err(|e| Failure::new(format!("{}: {e}", args.table.display())))?;
+        .map_err(failed)?;
         let decays = std::mem::take(&mut sampled.decays);
         let missing = if args.resample { 0 } else { sampled.missing };
-        let unit_ns = unit.map_or(TimeUnit::SECONDS.ns, |unit| unit.ns);
+        let unit_ns = input.times.as_ref().map_or(TimeUnit::SECONDS.ns, |times| times.unit.ns);
         let period_s = args.period_s.is_none().then_some(sampled.period * unit_ns / 1e9);
         let sampled = Some(sampled).filter(|_| period_s.is_some());
-        Ok(InputBursts { decays, unit, period_s, missing, outputs, sampled })
+        Ok(InputBursts { decays, period_s, missing, sampled, ..input })
     }
 }
 
-/// The unit of a time column.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct TimeUnit {
-    pub ns: f64,
-    /// Name of the unit, if it was recognised by the size of the first time, and not by the column's name or
-    /// type.
-    pub by_size: Option<&'static str>,
+/// A column of times: what its numbers mean.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Times {
+    pub unit: TimeUnit,
+    /// The number that stands for 1970.
+    zero: f64,
+    /// Why they have that unit, in words.
+    pub why: String,
 }
 
-impl TimeUnit {
-    pub const SECONDS: TimeUnit = TimeUnit { ns: 1e9, by_size: None };
+/// Days from the beginning of 1900 as spreadsheets count them: 1970, and 2000 to 2100.
+const DAYS_OF_1970: f64 = 25_569.0;
+const LIKELY_DAYS: std::ops::Range<f64> = 36_526.0..73_051.0;
 
-    /// The unit of a column of times: by the ending of the column's name, or else by the size of the first
-    /// time if it counts from 1970. Times of 1979 to 2200 do not overlap in any two units. Smaller times are
-    /// seconds.
-    pub fn of(column: &str, first: Option<f64>) -> TimeUnit {
-        if let Some(ns) = table_file::unit_ns(column) {
-            return TimeUnit { ns, by_size: None };
+impl Times {
+    /// The unit of a table's times: as the table or an option says, or else by the size of the first time if it
+    /// counts from 1970: times of 1979 to 2200 do not overlap in any two units. Smaller times are seconds,
+    /// unless they may be days of a spreadsheet. `None`: the table has no times.
+    fn of(table: &Table, columns: &Columns) -> Result<Option<Times>, String> {
+        let Some(column) = &table.time else { return Ok(None) };
+        let first = table.decays.first().and_then(|decay| decay.times.first()).copied();
+        let first = first.unwrap_or(0.0).abs();
+        let are_days = LIKELY_DAYS.contains(&first);
+        let of = |unit: TimeUnit, why: String| {
+            let zero = if unit == TimeUnit::DAYS && are_days { DAYS_OF_1970 } else { 0.0 };
+            Ok(Some(Times { unit, zero, why }))
+        };
+        match (table.unit, columns.unit) {
+            (Some(unit), Some(_)) => return of(unit, "by --time-unit".into()),
+            (Some(unit), None) => return of(unit, format!("as the column {column:?} says")),
+            (None, _) => {}
         }
-        match first.map_or(0.0, f64::abs) {
-            t if t >= 3e17 => TimeUnit { ns: 1.0, by_size: Some("nanoseconds") },
-            t if t >= 3e14 => TimeUnit { ns: 1e3, by_size: Some("microseconds") },
-            t if t >= 3e11 => TimeUnit { ns: 1e6, by_size: Some("milliseconds") },
-            t if t >= 3e8 => TimeUnit { ns: 1e9, by_size: Some("seconds") },
-            _ => TimeUnit::SECONDS,
+        let by_size = |word| {
+            let unit = TimeUnit::called(word).unwrap_or(TimeUnit::SECONDS);
+            of(unit, "since 1970, by their size".into())
+        };
+        match first {
+            t if t >= 3e17 => by_size("ns"),
+            t if t >= 3e14 => by_size("us"),
+            t if t >= 3e11 => by_size("ms"),
+            t if t >= 3e8 => by_size("s"),
+            t if are_days => Err(format!(
+                "times such as {t} may be days, as spreadsheets count them, or seconds: --time-unit d, or s, says which"
+            )),
+            _ => of(
+                TimeUnit::SECONDS,
+                format!("as the column {column:?} says no unit (--time-unit)"),
+            ),
         }
+    }
+
+    /// A time of the table, ns; since 1970 if the table's are.
+    pub fn ns(&self, time: f64) -> f64 {
+        (time - self.zero) * self.unit.ns
     }
 }
 
@@ -105,15 +143,24 @@ impl TimeUnit {
 mod tests {
     use super::*;
 
+    fn times(unit: Option<TimeUnit>, first: f64) -> Result<Times, String> {
+        let decays = vec![Decay { times: vec![first], ..Decay::default() }];
+        let (time, outputs, left_out) = (Some("t".to_owned()), Vec::new(), Vec::new());
+        let table = Table { time, unit, left_out, outputs, decays, rows_are_bursts: false };
+        Times::of(&table, &Columns::default()).map(|times| times.expect("a column of times"))
+    }
+
     #[test]
-    fn units_are_read_off_the_column_name() {
-        let ns = |column: &str, first: f64| TimeUnit::of(column, Some(first)).ns;
-        assert_eq!(
-            ["time", "time_s", "t_ms", "t_us", "t_ns"].map(|column| ns(column, 0.5)),
-            [1e9, 1e9, 1e6, 1e3, 1.0]
-        );
-        // times of 2026; the ending of a name has precedence
-        assert_eq!([1.77e9, 1.77e12, 1.77e15, 1.77e18].map(|t| ns("t", t)), [1e9, 1e6, 1e3, 1.0]);
-        assert_eq!(ns("t_ms", 1.77e15), 1e6);
+    fn times_without_a_unit_are_known_by_their_size_or_asked_for() {
+        let ns = |first: f64| times(None, first).map(|times| times.unit.ns);
+        let all = [0.5, 1.77e9, 1.77e12, 1.77e15, 1.77e18].map(ns);
+        assert_eq!(all, [1e9, 1e9, 1e6, 1e3, 1.0].map(Ok));
+        // what is said has precedence
+        assert_eq!(times(TimeUnit::called("ms"), 1.77e15).unwrap().unit.ns, 1e6);
+        assert!(times(None, 46_327.3).unwrap_err().contains("--time-unit d"));
+        // 2026-11-01T08:00:00Z, as a spreadsheet counts
+        let days = times(Some(TimeUnit::DAYS), 46_327.0).unwrap();
+        assert_eq!(days.ns(46_327.0 + 8.0 / 24.0).round(), 1_793_520_000e9);
+        assert_eq!(times(Some(TimeUnit::DAYS), 2.0).unwrap().ns(2.0), 2.0 * 8.64e13);
     }
 }

@@ -1,7 +1,7 @@
-//! `inkling convert`: makes a recording of bursts from a table.
+//! `inkling convert`: makes a recording of bursts from tables.
 //!
-//! In: a table (CSV, Parquet), and the options (`args`). Out: a recording, and what had to be
-//! assumed. `input_bursts` reads the file and gives one decay per burst; `conversion` makes a burst of each; `burst_clock` gives each burst its time.
+//! In: tables (CSV, Parquet), and the options (`args`). Out: a recording, and what had to be
+//! assumed. `input_bursts` reads a file and gives one decay per burst; `conversion` makes a burst of each; `burst_clock` gives each burst its time.
 
 mod args;
 mod burst_clock;
@@ -19,22 +19,32 @@ use serde_json::json;
 
 /// Checks the options, then converts burst by burst. What was assumed is told at the end.
 pub fn run(args: Args) -> Result<Exit, Failure> {
-    let start_ns = args.start_ns()?;
     let values = args.values();
     args.check(&values)?;
     outputs::check_file(&args.out, outputs::ResultFile::Recording)?;
-    let input = InputBursts::open(&args, &values.columns)?;
-    let mut conversion = Conversion::new(&args, &values, &input, start_ns)?;
-    let mut writer =
-        RecordingWriter::create(&args.out, WriterOptions::default()).map_err(Failure::new)?;
-    for decay in input.decays {
-        let burst = conversion.burst(&decay)?;
-        writer.write(&burst, burst.t_acq_ns as u64).map_err(Failure::new)?;
+    let mut conversion = Conversion::new(&args, &values)?;
+    // nothing is written before the first table was read
+    let mut writer = None;
+    for table in &args.tables {
+        let start_ns = args.start_ns(table)?;
+        let input = InputBursts::open(table, &args, &values.columns)?;
+        conversion.begin(table, &input, start_ns)?;
+        let create = || RecordingWriter::create(&args.out, WriterOptions::default());
+        let writer = match &mut writer {
+            Some(writer) => writer,
+            none => none.insert(create().map_err(Failure::new)?),
+        };
+        for decay in input.decays {
+            let burst = conversion.burst(&decay)?;
+            writer.write(&burst, burst.t_acq_ns as u64).map_err(Failure::new)?;
+        }
     }
-    writer.finish().map_err(Failure::new)?;
+    if let Some(writer) = writer {
+        writer.finish().map_err(Failure::new)?;
+    }
     match args.json {
         true => super::output::event(&json!(conversion.made))?,
-        false => conversion.tell(input.sampled.as_ref())?,
+        false => conversion.tell()?,
     }
     Ok(Exit::Done)
 }

@@ -1,0 +1,136 @@
+//! Tells times that are several acquisitions in one table, and times that were written with too few digits,
+//! from times that lack rows.
+//!
+//! In: the times of a decay. Out: its segments, as decays of their own ([`cut`]); or whether its times are
+//! rounded ([`standing`], [`are_rounded`]). Instruments that record segments export all of them in one table:
+//! the times go on after a gap, or begin again, after equally many samples each time.
+
+use super::table_file::Decay;
+use inkling_core::model::median::median;
+
+/// Fewest samples of a segment, and how many usual steps the gap between two must have at least. A table
+/// that lacks some rows has shorter gaps, and not after equally many rows.
+const FEWEST_SAMPLES: usize = 16;
+const FEWEST_STEPS: f64 = 10.0;
+/// A step that is no exception makes up this share of all steps.
+const COMMON: usize = 50;
+
+/// Cuts decays whose times are those of several acquisitions. Gives the decays, and how many were cut out of
+/// longer ones.
+pub(super) fn cut(decays: Vec<Decay>) -> (Vec<Decay>, usize) {
+    let (mut all, mut segments) = (Vec::new(), 0);
+    // rows of one decay stand below each other
+    let is_alone = decays.len() == 1;
+    for decay in decays {
+        let Some(length) = length(&decay.times) else {
+            all.push(decay);
+            continue;
+        };
+        for from in (0..decay.times.len()).step_by(length) {
+            let to = (from + length).min(decay.times.len());
+            let (number, after) = (all.len() + 1, if is_alone { from as u64 } else { 0 });
+            segments += 1;
+            all.push(Decay {
+                name: format!("{} segment {number}", decay.name).trim().to_owned(),
+                printhead: decay.printhead.clone(),
+                line: decay.line + after,
+                times: decay.times[from..to].to_vec(),
+                outputs: decay.outputs.iter().map(|of| of[from..to].to_vec()).collect(),
+                beside: decay.beside.clone(),
+            });
+        }
+    }
+    (all, segments)
+}
+
+/// The samples of each segment, where the times are those of several; the last one may have fewer.
+fn length(times: &[f64]) -> Option<usize> {
+    let steps: Vec<f64> = times.windows(2).map(|pair| pair[1] - pair[0]).collect();
+    let far = FEWEST_STEPS * median(&mut steps.clone());
+    let begins = |at: usize| steps[at - 1] < 0.0 || steps[at - 1] > far;
+    let length = (1..times.len()).find(|at| begins(*at)).filter(|n| *n >= FEWEST_SAMPLES)?;
+    let last = times.len() % length;
+    let is_regular = (1..times.len()).all(|at| begins(at) == at.is_multiple_of(length));
+    (far > 0.0 && is_regular && (last == 0 || last >= FEWEST_SAMPLES)).then_some(length)
+}
+
+/// How many times are those of the row before; 0: too few for times with too few digits, or a time goes back.
+pub(super) fn standing(times: &[f64]) -> usize {
+    let steps = || times.windows(2).map(|pair| pair[1] - pair[0]);
+    let again = steps().filter(|step| *step == 0.0).count();
+    let is_rounded = again * 10 > times.len() && times.len() >= FEWEST_SAMPLES;
+    if is_rounded && steps().all(|step| step >= 0.0) { again } else { 0 }
+}
+
+/// Whether steps differ as those of regular times do that were rounded to some digits: by one or two of the
+/// last digit, and no step is an exception.
+pub(super) fn are_rounded(times: &[f64]) -> bool {
+    let Some(digit) = last_digit(times) else { return false };
+    let steps = times.windows(2).map(|pair| ((pair[1] - pair[0]) / digit).round() as i64);
+    let mut steps: Vec<i64> = steps.collect();
+    steps.sort_unstable();
+    let (Some(least), Some(most)) = (steps.first(), steps.last()) else { return false };
+    let is_common = |of: &[i64]| of.len() * COMMON > steps.len();
+    (1..=2).contains(&(most - least)) && steps.chunk_by(|a, b| a == b).all(is_common)
+}
+
+/// The value of the last digit with which times were written. `None`: there are more than f64 holds.
+fn last_digit(times: &[f64]) -> Option<f64> {
+    const MOST_WHOLE: f64 = 1e12;
+    let is_whole = |t: &f64, scale: f64| {
+        let t = t * scale;
+        t.abs() < MOST_WHOLE && (t - t.round()).abs() < 1e-3
+    };
+    let digits = (0..=12).find(|digits| times.iter().all(|t| is_whole(t, 10f64.powi(*digits))))?;
+    Some(10f64.powi(-digits))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn decay(times: Vec<f64>) -> Decay {
+        Decay { line: 2, outputs: vec![times.clone()], times, ..Decay::default() }
+    }
+
+    fn grid(samples: usize, begins: f64) -> impl Iterator<Item = f64> {
+        (0..samples).map(move |k| begins + k as f64)
+    }
+
+    #[test]
+    fn segments_of_equal_length_are_cut_whether_times_go_on_or_begin_again() {
+        for (begins, last, segments) in [
+            ([0.0, 1000.0, 2000.0], 20, 3),
+            ([-5.0, -5.0, -5.0], 20, 3),
+            ([0.0, 1000.0, 2000.0], 17, 3),
+            ([0.0, 1000.0, 2000.0], 3, 0),
+            ([0.0, 25.0, 50.0], 20, 0), // as if five rows were missing
+        ] {
+            let times = begins
+                .iter()
+                .enumerate()
+                .flat_map(|(n, t)| grid(if n == 2 { last } else { 20 }, *t));
+            let (decays, n) = cut(vec![decay(times.collect())]);
+            assert_eq!((n, decays.len()), (segments, segments.max(1)), "{begins:?} {last}");
+            assert!(n == 0 || (decays[1].line, &*decays[1].name) == (22, "segment 2"));
+            assert!(decays.iter().all(|decay| decay.outputs[0] == decay.times));
+        }
+    }
+
+    #[test]
+    fn what_lacks_rows_or_jitters_is_not_taken_for_rounded() {
+        let rounded = |period: f64| {
+            (0..200).map(|k| (f64::from(k) * period * 100.0).round() / 100.0).collect()
+        };
+        let gaps: Vec<f64> = (0..200).filter(|k| k % 60 != 59).map(f64::from).collect();
+        let mut jitter: Vec<f64> = grid(200, 0.0).collect();
+        jitter[40] += 0.4;
+        for (times, is_rounded) in
+            [(rounded(0.014), true), (rounded(0.117), true), (gaps, false), (jitter, false)]
+        {
+            assert_eq!(are_rounded(&times), is_rounded, "{:?}", &times[..9]);
+            assert_eq!(standing(&times), 0);
+        }
+        assert!(standing(&rounded(0.004)) > 100);
+    }
+}
