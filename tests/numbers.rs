@@ -10,6 +10,7 @@ use inkling::critique::report;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use std::f64::consts::TAU;
+use std::panic::AssertUnwindSafe;
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
 enum Kind {
@@ -112,7 +113,9 @@ fn no_table_of_numbers_makes_the_critique_panic() {
             _ => (Rings::Oscillator, [1 + seed as usize % 3, 1 + seed as usize % 2, 90]),
         };
         let data = table(kind, [shape[0], shape[1], shape[2] - seed as usize % 30], &mut rng);
-        if let Err(panic) = std::panic::catch_unwind(|| told(&data, rings).is_ok()) {
+        if let Err(panic) =
+            std::panic::catch_unwind(AssertUnwindSafe(|| told(&data, rings).is_ok()))
+        {
             panic!("{kind:?} {seed} {rings:?}: {:?}", panic.downcast_ref::<String>());
         }
     }

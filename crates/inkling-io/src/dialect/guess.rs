@@ -126,7 +126,7 @@ impl Guess<'_> {
             && !self.say_named("rate_hz", &RATE, Slot::Rate, "? samples a second")
         {
             match sampling(self.first) {
-                Some(of) if of.unit == 1.0 => self.say(of.key, &quoted(&of.path), "?"),
+                Some(of) if of.is_of_key => self.say(of.key, &quoted(&of.path), "?"),
                 Some(of) => {
                     let unit = if of.key == "rate_hz" { "Hz" } else { "s" };
                     let comment = format!("? {} of the first message, in {unit}", of.path);

@@ -42,13 +42,13 @@ const OF_PERIOD: [&str; 5] = ["period", "dt", "interval", "spacing", "increment"
 const OF_RATE: [&str; 5] = ["rate", "fs", "sampling", "sample", "samplerate"];
 const RATES: [(&str, f64); 4] = [("hz", 1.0), ("khz", 1e3), ("mhz", 1e6), ("ghz", 1e9)];
 
-/// A sample period or rate whose field says another unit than the key has.
+/// A sample period or rate whose field is named for its unit.
 pub struct Sampling {
     /// `rate_hz` or `period_s`.
     pub key: &'static str,
     pub path: String,
-    /// The unit of the field, in that of the key.
-    pub unit: f64,
+    /// Whether the field has the unit of the key.
+    pub is_of_key: bool,
     /// The number in the first message, in the key's unit.
     pub value: f64,
 }
@@ -62,14 +62,16 @@ pub fn sampling(first: &FirstMessage) -> Option<Sampling> {
         let (last, before) = words.split_last()?;
         let has = |any: &[&str]| before.iter().any(|word| any.contains(&word.as_str()));
         let rate = RATES.iter().find(|(unit, _)| unit == last).map(|(_, hz)| *hz);
-        let period = TimeUnit::called(last).filter(|unit| unit.ns <= 1e9).map(|unit| unit.ns / 1e9);
-        let (key, unit) = match (rate, period) {
-            (Some(hz), _) if before.is_empty() || has(&OF_RATE) => ("rate_hz", hz),
-            (_, Some(s)) if has(&OF_PERIOD) => ("period_s", s),
+        let period = TimeUnit::called(last).filter(|unit| unit.ns <= 1e9);
+        // a whole number to divide by keeps 500 ns at 5e-7 s
+        let (key, times, per) = match (rate, period) {
+            (Some(hz), _) if before.is_empty() || has(&OF_RATE) => ("rate_hz", hz, 1.0),
+            (_, Some(unit)) if has(&OF_PERIOD) => ("period_s", 1.0, 1e9 / unit.ns),
             _ => return None,
         };
         let value = first.number(&field.path).filter(|x| x.is_finite() && *x > 0.0)?;
-        Some(Sampling { key, path: field.path.clone(), unit, value: value * unit })
+        let is_of_key = times == per;
+        Some(Sampling { key, path: field.path.clone(), is_of_key, value: value * times / per })
     })
 }
 
