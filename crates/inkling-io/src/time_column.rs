@@ -85,7 +85,7 @@ impl TimeUnit {
     }
 
     /// The unit that a text says that should say one; `None`: it says that it does not matter.
-    pub fn in_text(text: &str) -> Result<Option<TimeUnit>, ()> {
+    pub(super) fn in_text(text: &str) -> Result<Option<TimeUnit>, ()> {
         let words = words(text);
         let units: Vec<TimeUnit> = words.iter().filter_map(|word| TimeUnit::called(word)).collect();
         let has_factor = words.iter().any(|word| word.starts_with(|c: char| c.is_ascii_digit()));
