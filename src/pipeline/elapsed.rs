@@ -20,7 +20,7 @@ impl Elapsed {
         let (latest, passed) = self.groups[group].get_or_insert((t_ns, 0));
         let step = t_ns.saturating_sub(*latest);
         // a clock that was set back goes on from there
-        if step > 0 || step < -MOST_STEP_NS {
+        if !(-MOST_STEP_NS..=0).contains(&step) {
             *passed = passed.saturating_add(step.clamp(0, MOST_STEP_NS));
             *latest = t_ns;
         }

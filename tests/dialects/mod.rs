@@ -210,7 +210,8 @@ fn without_a_dialect_it_is_said_what_is_there_and_a_block_to_paste_reads_it() {
         let inspected = house.json(&format!("inspect {file} --json"));
         assert_eq!(inspected["whole"], true);
         assert_eq!(inspected["topics"].as_array().unwrap().len(), 3);
-        let block = inspected["dialects"][0].as_str().unwrap().to_owned();
+        let block = inspected["dialects"][0].as_str();
+        let block = block.unwrap_or_else(|| panic!("{name}: {inspected}")).to_owned();
         house
             .run(&format!("inspect {file}"))
             .exits(0)
@@ -306,7 +307,7 @@ fn topics_that_nothing_can_read_are_told_with_quiet_too_if_they_are_called_like_
         (of("acme_msgs/msg/RingDown", "ros2msg", "cdr"), "/k-2", "not what its schema says"),
         (
             of("acme.Data", "flatbuffer", "flatbuffer"),
-            "/line/black-2/adc",
+            "/line/cyan-1/adc",
             "\"flatbuffer\" are not",
         ),
         (compressed(of("acme_msgs/msg/Data", "ros2msg", "cdr")), "/k-2", "by itself (zstd)"),
@@ -345,7 +346,7 @@ fn what_cannot_be_decoded_is_told_with_field_and_value() {
         ("\"channels\":", "\"channels\":-3,\"x\":", "channels: -3 is no whole number of 0 or more"),
         ("\"samples\":[[", "\"samples\":[[1],[", "samples: what it holds is no array of numbers"),
         ("{", "[", "no JSON: "),
-        ("\"channels\":", "\"channels\":7,\"x\":", "wrong_length: its "),
+        ("\"channels\":", "\"channels\":7,\"x\":", "samples are no multiple of 7 channels"),
     ] {
         let house = House::new();
         let mut messages = Messages::default();

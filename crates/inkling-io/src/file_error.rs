@@ -59,8 +59,9 @@ pub(super) fn meant(path: &Path) -> String {
     let there = std::fs::read_dir(beside.unwrap_or(Path::new("."))).into_iter().flatten();
     let there =
         there.flatten().take(MOST_SIBLINGS).map(|of| of.file_name().to_string_lossy().into_owned());
-    let there: Vec<String> = there.collect();
     let name = path.file_name().unwrap_or_default().to_string_lossy();
+    // a link that leads nowhere has the very name
+    let there: Vec<String> = there.filter(|of| *of != name).collect();
     match nearest(&name, there.iter().map(String::as_str)).first() {
         Some(near) => format!("; did you mean {}?", path.with_file_name(near).display()),
         None => String::new(),

@@ -40,7 +40,7 @@ const OF_CHANNEL: u64 = 32;
 /// Maximum bytes of one window's signals.
 const MOST_BYTES: usize = 96 << 20;
 
-/// The first moments of a group.
+/// The earliest moments of a group.
 #[derive(Debug)]
 struct Begin {
     sample_period_s: f64,
@@ -74,8 +74,9 @@ pub fn starts(
             let sample_period_s = burst.sample_period_s;
             let new = || Begin { sample_period_s, moments: BTreeSet::new() };
             let begin = begins.entry(key).or_insert_with(new);
-            if begin.moments.len() < 2 * STEADY as usize {
-                begin.moments.insert(burst.t_acq_ns);
+            begin.moments.insert(burst.t_acq_ns);
+            if begin.moments.len() > 2 * STEADY as usize {
+                begin.moments.pop_last();
             }
         }
         if begins.is_empty() {

@@ -49,10 +49,11 @@ impl<'a> Ahead<'a> {
     /// From the block on that a batch is of.
     pub fn of(pass: Pass<'a>, workers: usize, read: &ReadBatch) -> Ahead<'a> {
         let recording = pass.recording;
-        // where the file does not say, it is as much out of order as may be
-        let disorder = recording.disorder_ns.unwrap_or(MOST_REORDER_NS);
-        let reorder_ns =
-            (disorder <= MOST_REORDER_NS).then(|| disorder.max(USUAL_REORDER_NS) as i64);
+        // what is being written is in about the order of its times; another file that does not say may be in none
+        let known =
+            if recording.is_growing() { Some(MOST_REORDER_NS) } else { recording.disorder_ns };
+        let ordered = known.filter(|&disorder| disorder <= MOST_REORDER_NS);
+        let reorder_ns = ordered.map(|disorder| disorder.max(USUAL_REORDER_NS) as i64);
         let (block, definitions) = (read.block, read.definitions.clone());
         Ahead { pass, workers, block, definitions, reorder_ns }
     }

@@ -101,10 +101,11 @@ impl FirstMessage<'_> {
         }
     }
 
-    /// Whether a field lies in an array of messages that has more of them: a path leads to one of them alone.
+    /// Whether samples lie in an array of messages, of which the next one has as many: a path leads to one alone.
     pub fn is_one_of_several(&self, field: &FieldInfo) -> bool {
-        let next = field.path.replacen("[0]", "[1]", 1);
-        next != field.path && self.find(&next).is_some()
+        let next = FieldInfo { path: field.path.replacen("[0]", "[1]", 1), ..field.clone() };
+        let length = |of: &FieldInfo| self.samples(of).map(|samples| samples.length);
+        next.path != field.path && length(&next).is_some() && length(&next) == length(field)
     }
 
     pub fn number(&self, path: &str) -> Option<f64> {
