@@ -305,11 +305,7 @@ fn topics_that_nothing_can_read_are_told_with_quiet_too_if_they_are_called_like_
         (of("acme_msgs/Ring", "ros1msg", "ros1"), "/k-2", "encoding \"ros1\" are not read"),
         (of("acme_msgs/msg/Data", "ros2idl", "cdr"), "/k-2/burst", "not by \"ros2idl\""),
         (of("acme_msgs/msg/RingDown", "ros2msg", "cdr"), "/k-2", "not what its schema says"),
-        (
-            of("acme.Data", "flatbuffer", "flatbuffer"),
-            "/line/cyan-1/adc",
-            "\"flatbuffer\" are not",
-        ),
+        (of("acme.Data", "flatbuffer", "flatbuffer"), "/line/cyan-1/adc", "\"flatbuffer\" are not"),
         (compressed(of("acme_msgs/msg/Data", "ros2msg", "cdr")), "/k-2", "by itself (zstd)"),
         (compressed(of("acme.Data", "jsonschema", "json")), "/k-2", "by itself (zstd)"),
     ] {

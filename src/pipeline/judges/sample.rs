@@ -77,8 +77,8 @@ impl Sample {
         }
     }
 
-    /// Puts the signals in order, channel by channel; the first channel is the one whose first signal is the
-    /// least. A signal that was recorded twice counts once.
+    /// Numbers the channels, the first being the one whose first signal is the least, and puts the signals in an
+    /// order. A signal that was recorded twice counts once.
     fn sort(&mut self) {
         let by_time = |p: &Kept, q: &Kept| {
             let key = |of: &Kept| (of.beside.channel, of.beside.t_acq_ns);
@@ -93,8 +93,11 @@ impl Sample {
         let number: HashMap<u32, u32> =
             firsts.iter().map(|of| of.beside.channel).zip(0..).collect();
         self.kept.iter_mut().for_each(|of| of.beside.channel = number[&of.beside.channel]);
-        // a stable order: the signals of a channel stay in that of their times
-        self.kept.sort_by_key(|of| of.beside.channel);
+        // moments in an order that looks random: who learns from the first signals alone learns from all channels
+        let first_ns = self.kept.iter().map(|of| of.beside.t_acq_ns).min().unwrap_or(0);
+        self.kept.sort_by_cached_key(|Kept { beside, .. }| {
+            (drawn_by(beside.t_acq_ns.saturating_sub(first_ns)), beside.channel)
+        });
         self.kept.truncate(self.most);
     }
 
