@@ -3,7 +3,7 @@
 //! In: CSV, and which columns are what ([`Columns`]). Out: a [`Table`] of decays.
 //!
 //! `table_text.rs` reads the records. With semicolon and tab, decimal commas are read, too; lines that begin
-//! with `#` are passed over, and a row of units below the names is read ([`Units`]). No cell of times and
+//! with `#` are passed over, and a row of units below the names is read (`Units`). No cell of times and
 //! outputs is dropped silently: a cell that is no number is an error that names the line, and so is a missing
 //! time; a missing output is kept as NaN, and `sampling.rs` counts it. Of the columns beside them
 //! ([`Columns::beside`]) only the first row of each decay is read.
