@@ -227,7 +227,7 @@ assert not s3.list_multipart_uploads(Bucket=BUCKET).get("Uploads"), "parts left 
 # -- what is not there, or not allowed
 judge = lambda out: ["replay", f"{root}/night/deeper/long.mcap", "--design", design, "--out", work / out]
 run("replay", f"{root}/nobody.mcap", "--out", work / "o", exits=2, says="nobody.mcap")
-run("replay", f"{root}/night/", "--design", f"{root}/no.json", "--out", work / "o", exits=2, says="404")
+run("replay", f"{root}/night/", "--design", f"{root}/no.json", "--out", work / "o", exits=2, says="no such file")
 run("replay", "s3://no-such-bucket/x/", "--out", work / "o", exits=1, says="no-such-bucket")
 Proxy.fault = lambda request: 403
 run(*judge("denied"), exits=1, says=["403", "credentials do not allow"])

@@ -65,8 +65,6 @@ mod rings;
 mod rows;
 mod run;
 mod stages;
-#[cfg(test)]
-mod staging_tests;
 mod statistics;
 mod sweep;
 pub mod tally;

@@ -284,6 +284,9 @@ pub(super) fn choose_columns(
         }
         None => rest.partition(|c| !is_no_output(*c)),
     };
+    // a table of nothing but what looks like numbers of rows has no other outputs
+    let (outputs, left_out) =
+        if outputs.is_empty() { (left_out, outputs) } else { (outputs, left_out) };
     if outputs.is_empty() {
         let time = time.map_or("", |c| &names[c]);
         return Err(format!("no column is left for an output beside {time:?}"));
