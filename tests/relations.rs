@@ -39,7 +39,8 @@ impl Said {
 }
 
 fn said(house: &House, name: &str, options: &str) -> BTreeMap<Signal, Said> {
-    house.run(&format!("replay {name}.mcap {options} --out {name} --quiet --force"));
+    let ended = house.run(&format!("replay {name}.mcap {options} --out {name} --quiet --force"));
+    assert!(matches!(ended.code(), Some(0 | 3 | 4)), "{options}: {}", ended.stderr());
     let row = |c: &VerdictColumns, i: usize| {
         let head = c.printheads[c.printhead[i] as usize].to_string();
         let words = format!(

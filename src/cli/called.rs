@@ -136,7 +136,7 @@ pub struct Judged {
 pub fn judge(replay: &Replay, recording: &Recording, control: &Control) -> Result<Judged, Failure> {
     let mut report = pipeline::judge(replay, recording, control)?;
     let mut warnings = notes::not_judged(&report);
-    let counted = notes::warnings(&report).into_iter().chain(notes::unread(&report));
+    let counted = notes::warnings(&report).into_iter().chain(notes::always(&report));
     let counted = counted.chain(notes::damage(&report));
     warnings.extend(counted.map(|message| message.what));
     let rows = report.arrays.take().ok_or_else(|| Failure::new("no rows; this is our bug"))?;

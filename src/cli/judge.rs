@@ -78,10 +78,9 @@ impl Judged {
             results: Some(Results { verdicts: job.verdicts.clone(), bytes }),
             counts: json!(report.tally.counts),
             not_judged: notes::not_judged(&report),
-            odd_times: notes::odd_times(&report),
             damage: notes::damage(&report),
             warnings: notes::warnings(&report),
-            unread: notes::unread(&report),
+            always: notes::always(&report),
             notes: notes::notes(&report),
             seconds: report.seconds,
             ..Entry::new(recording, by.clone(), report.outcome())

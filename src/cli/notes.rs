@@ -108,9 +108,12 @@ pub fn warnings(report: &RecordingReport) -> Vec<CountedMessage> {
     counted(refused.chain(warned))
 }
 
-/// Sentences about what nothing reads though it looks like bursts.
-pub fn unread(report: &RecordingReport) -> Vec<CountedMessage> {
-    counted(report.unread.iter().map(|of| (String::new(), of.what.clone())))
+/// Sentences that whoever asked for quiet is told, too: about clocks that were set and bursts that are dated apart, for
+/// times decide what the verdicts are about; and about what nothing reads though it looks like bursts, for silence
+/// about that would be taken for health.
+pub fn always(report: &RecordingReport) -> Vec<CountedMessage> {
+    let all = report.odd_times.iter().chain(&report.unread);
+    counted(all.map(|of| (String::new(), of.what.clone())))
 }
 
 /// Messages about what does not affect the verdicts that there are: a recording that was judged before it was
@@ -127,11 +130,6 @@ pub fn notes(report: &RecordingReport) -> Vec<CountedMessage> {
 /// Sentences about parts of which nothing, or less than half, could be judged.
 pub fn not_judged(report: &RecordingReport) -> Vec<String> {
     report.not_judged.iter().map(|of| printable::line(&of.what, MOST_OF_A_NOTE)).collect()
-}
-
-/// Sentences about clocks that were set and bursts that are dated apart from the others.
-pub fn odd_times(report: &RecordingReport) -> Vec<CountedMessage> {
-    counted(report.odd_times.iter().map(|of| (String::new(), of.what.clone())))
 }
 
 pub fn damage(report: &RecordingReport) -> Vec<CountedMessage> {

@@ -80,10 +80,7 @@ impl Teller<'_> {
             }
         };
         let Account { warnings, notes, .. } = &mut self.account;
-        // whoever asked for quiet is told, too: times decide what the verdicts are about, and silence about what
-        // was not read would be taken for health
-        let always = entry.odd_times.iter().chain(&entry.unread);
-        for message in always.filter(|of| warnings.add(&label, of)) {
+        for message in entry.always.iter().filter(|of| warnings.add(&label, of)) {
             self.progress.fail(&format!("inkling: {label}: {}", message.what));
         }
         for message in entry.damage.iter().chain(&entry.warnings) {

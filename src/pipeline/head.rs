@@ -1,21 +1,21 @@
 //! One printhead while a recording flows: its level is followed sweep by sweep, and each sweep gets its
 //! judge.
 //!
-//! In: sweeps over the head's channels, each with the judge of the windows or the design, from `heads`. Out:
-//! that judge, moved to where most of the channels are; with `--baseline` also the channels' own levels; or
+//! In: sweeps over the head's channels, from `heads`. Out:
+//! the head's judge, moved to where most of the channels are; with `--baseline` also the channels' own levels; or
 //! the reason why the sweep is not judged ([`Head::close`]).
 //!
 //! The *level* is where the rings of all healthy channels lie in common: ln amplitude, ln damping,
 //! ln frequency and phase, counted from the *base* ring: that of the design's model of this
-//! printhead, or without a design that of the first window's model. The method (docs/state.md)
+//! printhead, or without a design that of its window's model. The method (docs/state.md)
 //! stands in `inkling_core::state`; here the state is fed and asked. For each sweep:
 //! 1. A subset of the channels is looked at: a look is the four features of one signal's ring.
 //! 2. The state of the head takes the looks in, and says where the level is, that it does not know, or that
 //!    this is another head.
 //! 3. The judge is moved to the level, in steps (`moved_judge`), and judges all signals of the sweep.
 //!
-//! Three places are counted from the base: the level; where the window's model lies (`window_at`);
-//! and where the judge in use lies (`now_at`), which is the window's place plus the judge's move.
+//! Three places are counted from the base: the level; where the judge's model lies (`model_at`);
+//! and where the judge in use lies (`now_at`), which is the model's place plus the judge's move.
 
 use super::batches::AssignedJudge;
 use super::channel_subset::ChannelSubset;
@@ -81,7 +81,7 @@ pub(super) struct Head {
     sweeps: u32,
     judge: MovedJudge,
     /// Where the ring of the window's model lies: its features from the base's ring.
-    window_at: Features,
+    model_at: Features,
     /// Whether the level was known in some sweep, and in the last one.
     pub is_followed: bool,
     pub is_level: bool,
@@ -110,8 +110,8 @@ impl Head {
 
         let (mut kind, healthy_sd) = judge.kind(by.bounds()).zip(judge.healthy_sd())?;
         let base: &HealthyModel = named.unwrap_or(&judge.model);
-        let window_at = judge.model.features_from(base).unwrap_or_default();
-        kind.ring = window_at[0];
+        let model_at = judge.model.features_from(base).unwrap_or_default();
+        kind.ring = model_at[0];
         let ring = if named.is_none() { base.ring_numbers() } else { None };
 
         // a remembered state is counted from the base ring of its time, and carried over to the present one
@@ -125,7 +125,7 @@ impl Head {
         state.begin(burst.t_acq_ns);
         // the model comes from a window of this recording, and so tells where the head's level is
         if remembered.is_none() && judge.model.valid_from_ns.is_some() {
-            state.begin_at(&window_at, burst.t_acq_ns);
+            state.begin_at(&model_at, burst.t_acq_ns);
         }
         Some(Head {
             state,
@@ -133,7 +133,7 @@ impl Head {
             frozen: Frozen::default(),
             strange: 0,
             ring,
-            window_at,
+            model_at,
             sweeps: 0,
             judge: MovedJudge::new(judge.clone(), healthy_sd),
             is_followed: false,
@@ -205,7 +205,7 @@ impl Head {
     }
 
     fn now_at(&self) -> Features {
-        self.window_at + self.judge.by
+        self.model_at + self.judge.by
     }
 
     /// Frozen channels are only counted, and signals that cannot be judged are passed over.
@@ -294,7 +294,7 @@ impl Head {
             self.movement.beyond_since_ns.get_or_insert(t_ns);
         }
         self.movement.note_level(&level);
-        self.judge.follow(level - self.window_at, sd, &mut by.moves);
+        self.judge.follow(level - self.model_at, sd, &mut by.moves);
         self.movement.bursts += u64::from(self.judge.is_moved());
         self.judge.now.clone()
     }

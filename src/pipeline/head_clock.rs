@@ -10,21 +10,24 @@
 //! are in no order tells nothing of clocks.
 
 use super::groups::GroupKey;
-use super::judges::{MOST_REORDER_NS, USUAL_REORDER_NS};
+use super::numbers::{JUMP_NS, STEADY};
 use super::recording_report::NotJudged;
 use crate::report::clock;
 use inkling_io::recording::Recording;
 
-/// A printhead that prints again after a longer pause than this, ns, would be in another recording.
-pub const JUMP_NS: i64 = 86_400_000_000_000;
-/// So many moments in a row are no accident.
-pub const STEADY: u32 = 8;
+/// Usual reorder time, ns: by how much a burst may be earlier than bursts that stand before it in the file; and the
+/// longest. A file that is further out of order is in none.
+const USUAL_REORDER_NS: u64 = 100_000_000;
+const MOST_REORDER_NS: u64 = 2_000_000_000;
 
 /// What the file says of the order of its bursts.
 #[derive(Clone, Copy, Debug)]
 pub struct FileOrder {
     /// By how much a burst may be earlier than others that stand before it, ns.
     pub reorder_ns: i64,
+    /// Whether no burst is earlier by more than that. Of what is being written this is taken for granted; another file
+    /// that does not say may be in any order.
+    pub is_of_times: bool,
     /// Whether its chunks are in no order of time.
     pub is_shuffled: bool,
 }
@@ -32,8 +35,12 @@ pub struct FileOrder {
 impl FileOrder {
     pub fn of(recording: &Recording) -> FileOrder {
         let disorder = recording.disorder_ns.unwrap_or(MOST_REORDER_NS);
-        let reorder_ns = disorder.clamp(USUAL_REORDER_NS, MOST_REORDER_NS) as i64;
-        FileOrder { reorder_ns, is_shuffled: recording.is_shuffled }
+        let is_known = recording.is_growing() || recording.disorder_ns.is_some();
+        FileOrder {
+            reorder_ns: disorder.clamp(USUAL_REORDER_NS, MOST_REORDER_NS) as i64,
+            is_of_times: is_known && disorder <= MOST_REORDER_NS,
+            is_shuffled: recording.is_shuffled,
+        }
     }
 }
 
@@ -56,11 +63,13 @@ struct Stretch {
     latest_ns: i64,
     moments: u32,
     bursts: u64,
+    /// The longest time between two of its moments.
+    widest_ns: i64,
 }
 
 impl Stretch {
     fn of(t_ns: i64) -> Stretch {
-        Stretch { first_ns: t_ns, latest_ns: t_ns, moments: 1, bursts: 1 }
+        Stretch { first_ns: t_ns, latest_ns: t_ns, moments: 1, bursts: 1, widest_ns: 0 }
     }
 
     fn continues_with(&self, t_ns: i64, reorder_ns: i64, jump_ns: i64) -> bool {
@@ -70,6 +79,7 @@ impl Stretch {
 
     fn add(&mut self, t_ns: i64) {
         self.moments = self.moments.saturating_add(u32::from(t_ns > self.latest_ns));
+        self.widest_ns = self.widest_ns.max(t_ns.saturating_sub(self.latest_ns));
         self.latest_ns = self.latest_ns.max(t_ns);
         self.bursts += 1;
     }
@@ -160,8 +170,9 @@ impl HeadClock {
 
     /// Counts what is dated apart from `self.stretch`; what is only late is not told.
     fn stray(&mut self, of: Stretch) {
-        let since = self.stretch.map_or(0, |here| of.latest_ns.saturating_sub(here.latest_ns));
-        if since.unsigned_abs() <= self.jump_ns as u64 {
+        let Some(here) = self.stretch else { return };
+        let apart = of.latest_ns.abs_diff(here.first_ns).min(of.first_ns.abs_diff(here.latest_ns));
+        if apart <= self.jump_ns as u64 {
             return;
         }
         self.strays += of.bursts;
@@ -171,14 +182,13 @@ impl HeadClock {
 
     /// Goes on with bursts that lay aside. What came before was itself astray if it was as short.
     fn set_to(&mut self, aside: Stretch) {
+        // whoever prints once a week is not astray the next time
+        self.jump_ns = self.jump_ns.max(aside.widest_ns.saturating_mul(2));
         let Some(before) = self.stretch.replace(aside) else { return };
         if before.moments < STEADY {
             self.stray(before);
             return;
         }
-        // whoever prints once a week is not astray the next time
-        let forward = aside.first_ns.saturating_sub(before.latest_ns);
-        self.jump_ns = self.jump_ns.max(forward.saturating_mul(2));
         self.steps += 1;
         let step = Step { before_ns: before.latest_ns, after_ns: aside.first_ns };
         let size = |of: &Step| of.after_ns.abs_diff(of.before_ns);
@@ -246,7 +256,10 @@ mod tests {
 
     fn heard(times: impl IntoIterator<Item = i64>) -> (Vec<Standing>, Option<String>) {
         let key = GroupKey::of(&Default::default());
-        let mut clock = HeadClock::new(key, FileOrder { reorder_ns: S / 10, is_shuffled: false });
+        let mut clock = HeadClock::new(
+            key,
+            FileOrder { reorder_ns: S / 10, is_of_times: true, is_shuffled: false },
+        );
         let standing = times.into_iter().map(|t| clock.hear(t)).collect();
         (standing, clock.told().map(|of| of.what))
     }
@@ -280,6 +293,15 @@ mod tests {
         let at = |i: i64| if i < 5 { 946_684_800 * S + i * S } else { 1_700_000_000 * S + i * S };
         let (_, said) = heard((0..40).map(at));
         assert!(said.as_ref().unwrap().starts_with("5 of 40 bursts"), "{said:?}");
+    }
+
+    #[test]
+    fn whoever_prints_seldom_is_believed_once_that_is_seen() {
+        // about every third day, for half a year
+        let at = |i: i64| 1_700_000_000 * S + i * 3 * JUMP_NS + (i * 7919 % 1000) * 60 * S;
+        let (standing, said) = heard((0..60).map(at));
+        assert!(standing[STEADY as usize + 1..].iter().all(|of| *of == Standing::InOrder));
+        assert_eq!(said, None);
     }
 
     #[test]

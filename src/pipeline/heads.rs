@@ -13,6 +13,7 @@ use super::batches::{AssignedJudge, AssignedJudges, Slot};
 use super::head::{Head, Judging};
 use super::head_clock::Standing;
 use super::head_movement::HeadMovement;
+use super::numbers::{LOOK_EVERY_NS, LOOKS};
 use super::rings::Deviations;
 use super::run::Replay;
 use super::sweep::{Sweep, SweepClock, channels};
@@ -24,11 +25,6 @@ use std::sync::Arc;
 
 /// Maximum number of printheads that are followed; further ones are judged by the judges as they are.
 const MOST_HEADS: usize = 1 << 10;
-/// A head does not change within this time, ns: ink and supplies take seconds.
-const LOOK_EVERY_NS: i64 = 50_000_000;
-/// The time between two looks is at most this part of the time since the first one.
-const LOOKS: i64 = 8;
-
 /// All printheads of a recording. A *head* here is a group: a printhead at one sampling.
 #[derive(Debug)]
 pub struct Heads<'a> {
@@ -77,7 +73,7 @@ impl<'a> Heads<'a> {
         self.close_overlong(given);
     }
 
-    /// Counts a burst that nobody hears, but that waits behind others.
+    /// Counts samples of a burst that nobody hears, but that waits behind others.
     pub fn count(&mut self, samples: u64, given: &mut AssignedJudges) {
         self.judging.clock.count(samples);
         self.close_overlong(given);

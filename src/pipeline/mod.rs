@@ -30,6 +30,7 @@
 //!   3 FD filter    statistics  distances  rings (deviations)  own_levels
 //!   5 isolate      isolator  rings (fits)  rows
 //!   6 writer       episodes  tally  at_once
+//! numbers          numbers (what nobody derived)
 //! warnings         head_movement temperature_check at_once ring_look
 //! other passes     visit (bursts of a recording)  collect (signals to learn from)
 //! many recordings  resume (what is finished)  chain (--baseline: in which order)
@@ -55,6 +56,7 @@ mod isolator;
 pub mod judges;
 mod metadata;
 mod moved_judge;
+mod numbers;
 mod own_levels;
 pub mod pacer;
 mod recording_report;

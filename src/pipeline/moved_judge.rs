@@ -1,10 +1,8 @@
-//! The judge that a printhead's window gave, moved to where most of the printhead's channels are, for `head`,
-//! once per sweep.
+//! The judge of a printhead, moved to where most of the printhead's channels are, for `head`, once per sweep.
 //!
-//! [`MovedJudge`]. In: where the channels lie from the ring of the window's model, and the standard deviation
-//! of that. Out: the judge in use. It moves in steps, since each move makes a new judge, which costs time: for
-//! the first time beyond `FIRST_MOVE` and surely, then whenever it is off by more than `NEXT_MOVE`.
-//!
+//! In: where the channels lie from the ring of the judge's model, and the standard deviation of that. Out: the judge
+//! in use. It moves in steps, since each move makes a new judge, which costs time: for the first time beyond
+//! `FIRST_MOVE` and surely, then whenever it is off by more than `NEXT_MOVE`.
 
 use inkling_core::design::Judge;
 use inkling_core::state::Features;
@@ -22,7 +20,7 @@ pub(super) struct MovedJudge {
     pub unmoved: Arc<Judge>,
     /// The judge in use.
     pub now: Arc<Judge>,
-    /// The features by which the judge in use was moved from the window's ring; 0 if it was not.
+    /// The features by which the judge in use was moved from its model's ring; 0 if it was not.
     pub by: Features,
     /// Standard deviations of healthy channels' features: the unit in which a move is decided.
     healthy_sd: Features,
@@ -37,7 +35,7 @@ impl MovedJudge {
         !Arc::ptr_eq(&self.now, &self.unmoved)
     }
 
-    /// Moves the judge to `wanted`, where most channels lie from the window's ring, if it is far enough off.
+    /// Moves the judge to `wanted`, where most channels lie from the model's ring, if it is far enough off.
     /// `sd`: standard deviations of the noise of `wanted`; `moves`: number of moves of all judges of the run.
     pub fn follow(&mut self, wanted: Features, sd: Features, moves: &mut u32) {
         let off = wanted - self.by;

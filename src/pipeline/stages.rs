@@ -162,7 +162,8 @@ pub fn identify(
     Ok(())
 }
 
-/// Samples that a burst counts for that is not judged, while it waits behind others.
+/// Samples that an unusable burst counts for while it waits behind others, since nobody knows how many it has: it keeps
+/// a message of the file in memory.
 const OF_UNUSABLE: u64 = 1 << 12;
 
 /// Assigns each burst its judge, checks its time, and follows the printheads where that is asked for.
@@ -204,7 +205,8 @@ impl JudgeAssignment<'_> {
         let Some(group) = self.groups.of(burst) else {
             // beyond so many groups nobody learns any more
             given.push((slot, AssignedJudge::new(Err(Reason::NoModel))));
-            self.following.iter_mut().for_each(|heads| heads.count(OF_UNUSABLE, given));
+            let samples = u64::from(burst.channels) * u64::from(burst.samples_per_channel);
+            self.following.iter_mut().for_each(|heads| heads.count(samples, given));
             return Ok(());
         };
         let judge = self.judges.of(group, &self.groups, burst, read)?;

@@ -131,15 +131,12 @@ pub struct Entry {
     /// Printheads of which nothing, or that less than half, could be judged: a sentence each.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub not_judged: Vec<String>,
-    /// What was odd about the times of bursts: a sentence for each printhead.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub odd_times: Vec<CountedMessage>,
     pub damage: Vec<CountedMessage>,
     /// What else the user was warned of.
     pub warnings: Vec<CountedMessage>,
-    /// What looks like bursts and was not read.
+    /// What the user was told although quiet was asked for: odd times, and what looks like bursts and was not read.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub unread: Vec<CountedMessage>,
+    pub always: Vec<CountedMessage>,
     /// What the user should know although nothing is wrong.
     pub notes: Vec<CountedMessage>,
     pub seconds: f64,

@@ -26,8 +26,6 @@ use std::collections::{BTreeMap, HashMap};
 use std::sync::Arc;
 use windows::{Ahead, Learned};
 
-pub use windows::{MOST_REORDER_NS, USUAL_REORDER_NS};
-
 /// A window that gave no model, and why; it stands in summary.json and is told on the terminal.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Refusal {

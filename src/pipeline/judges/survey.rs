@@ -13,7 +13,7 @@ use super::super::Result;
 use super::super::channel_subset::ChannelStretches;
 use super::super::elapsed::Elapsed;
 use super::super::groups::{GroupKey, Groups};
-use super::super::head_clock::{JUMP_NS, STEADY};
+use super::super::numbers::{ENOUGH, FEWEST, JUMP_NS, OF_CHANNEL, STEADY};
 use super::super::run::Replay;
 use super::super::visit;
 use super::windows::Ahead;
@@ -32,11 +32,6 @@ const TOGETHER_NS: i64 = 1_000_000_000;
 const MOST_WAIT_NS: i64 = 20_000_000_000;
 /// A window is divided into so many parts; it may end at the end of each.
 const PARTS: i64 = 64;
-/// A window of so many times the signals that may be kept is long enough.
-const ENOUGH: u64 = 4;
-/// Least number of signals that are kept, and how many of each channel.
-const FEWEST: u64 = 1024;
-const OF_CHANNEL: u64 = 32;
 /// Maximum bytes of one window's signals.
 const MOST_BYTES: usize = 96 << 20;
 

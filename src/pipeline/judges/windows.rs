@@ -12,6 +12,8 @@
 use super::super::Result;
 use super::super::batches::{MOST_ROWS, ReadBatch, usable};
 use super::super::groups::GroupKey;
+use super::super::head_clock::FileOrder;
+use super::super::numbers::MOST_WINDOWS;
 use super::super::run::Replay;
 use super::super::visit::Pass;
 use super::healthy_window::{self, Accepted};
@@ -25,12 +27,6 @@ use inkling_io::block_reader::Definitions;
 use std::ops::ControlFlow;
 use std::sync::Arc;
 
-/// Usual reorder time, ns: by how much a burst may be earlier than bursts that stand before it in the file.
-pub const USUAL_REORDER_NS: u64 = 100_000_000;
-/// Longest reorder time, ns. Of a file that is further out of order all blocks are looked at.
-pub const MOST_REORDER_NS: u64 = 2_000_000_000;
-/// So many windows of a group are tried: while its bursts wait for a judge, all others do.
-const MOST_WINDOWS: u32 = 4;
 /// Maximum bytes of signals that are held for the windows of several groups.
 const HELD_BYTES: usize = 64 << 20;
 
@@ -49,11 +45,8 @@ impl<'a> Ahead<'a> {
     /// From the block on that a batch is of.
     pub fn of(pass: Pass<'a>, workers: usize, read: &ReadBatch) -> Ahead<'a> {
         let recording = pass.recording;
-        // what is being written is in about the order of its times; another file that does not say may be in none
-        let known =
-            if recording.is_growing() { Some(MOST_REORDER_NS) } else { recording.disorder_ns };
-        let ordered = known.filter(|&disorder| disorder <= MOST_REORDER_NS);
-        let reorder_ns = ordered.map(|disorder| disorder.max(USUAL_REORDER_NS) as i64);
+        let order = FileOrder::of(recording);
+        let reorder_ns = order.is_of_times.then_some(order.reorder_ns);
         let (block, definitions) = (read.block, read.definitions.clone());
         Ahead { pass, workers, block, definitions, reorder_ns }
     }

@@ -1,6 +1,6 @@
 //! Learning a healthy model, from a window's signals or from signals that labels say are healthy.
 //!
-//! In, from training (`train`) and from the windows of a replay (`pipeline/progress.rs`): signals
+//! In, from training (`train`) and from the windows of a replay (`pipeline/judges`): signals
 //! in counts with their drive and temperature, settings, and the *anchor*, the model that came
 //! before (a window's is the design's model of the printhead, or else its first window's). Out: a
 //! [`HealthyModel`]. The steps: average, grey box (3-1), filter, effect of temperature, detection

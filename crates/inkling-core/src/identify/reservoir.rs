@@ -58,16 +58,12 @@ impl Reservoir {
         }
     }
 
-    /// Whether a signal may be kept, whatever its samples are: else the caller need not decode it.
-    pub fn may_keep(&self, t_acq_ns: i64, channel: u32) -> bool {
+    /// Whether a signal may be kept, whatever its samples are.
+    fn may_keep(&self, t_acq_ns: i64, channel: u32) -> bool {
         let rank = (hash_of(t_acq_ns, channel), t_acq_ns, channel);
         let is_below = |worst: &Rank| rank <= (worst.0, worst.1, worst.2);
         let full = self.held.len() >= self.capacity;
         !full || self.held.last_key_value().is_some_and(|(worst, _)| is_below(worst))
-    }
-
-    pub fn bytes(&self) -> usize {
-        self.held.len() * self.samples * size_of::<f32>()
     }
 
     /// Sum, V, and count of the recorded drive voltages; in rank order, for the same bits always.
@@ -132,7 +128,7 @@ mod tests {
     }
 
     #[test]
-    fn however_many_are_offered_memory_is_that_of_the_capacity() {
+    fn however_many_are_offered_only_the_capacity_is_held() {
         let (samples, capacity) = (16, 64);
         let mut r = Reservoir::new(samples, capacity);
         let mut refused = 0;
@@ -141,8 +137,7 @@ mod tests {
             refused += usize::from(!r.may_keep(t, channel));
             r.offer(Beside::alone(channel, t), &[i as f64; 16], f64::NAN);
         }
-        assert_eq!(r.bytes(), capacity * samples * size_of::<f32>());
-        assert!(refused > 90 * capacity, "most need not be decoded: {refused}");
+        assert!(refused > 90 * capacity, "most need not be held: {refused}");
         assert_eq!(r.to_set(None).len(), capacity);
     }
 

@@ -1,0 +1,19 @@
+//! What nobody derived of who judges, which times are believed and how often a head is looked at. Half and twice of
+//! these were not measured.
+
+/// A printhead that prints again after a longer pause than this, ns, would be in another recording.
+pub const JUMP_NS: i64 = 86_400_000_000_000;
+/// So many moments in a row are no accident: a clock was set.
+pub const STEADY: u32 = 8;
+/// A head does not change within this time, ns: ink and supplies take seconds.
+pub const LOOK_EVERY_NS: i64 = 50_000_000;
+/// The time between two looks at a head is at most this part of the time since the first one.
+pub const LOOKS: i64 = 8;
+/// A window of so many times the signals that may be kept is long enough.
+pub const ENOUGH: u64 = 4;
+/// Least number of signals of a window that are kept, and how many of each channel: 30 heads of 48 channels take a
+/// third less CPU than with 64 of each channel.
+pub const FEWEST: u64 = 1024;
+pub const OF_CHANNEL: u64 = 32;
+/// So many windows of a group are tried: while its bursts wait for a judge, all others do.
+pub const MOST_WINDOWS: u32 = 4;
