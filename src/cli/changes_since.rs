@@ -13,7 +13,7 @@ use super::lost;
 use super::progress::{counted, first_few, thousands};
 use super::report::printable;
 use crate::pipeline::rfc3339;
-use crate::report::{Changes, Fault, Report, clock};
+use crate::report::{Changes, Fault, HeadChange, Report, clock};
 use inkling_io::file_error::FileError;
 use inkling_io::inputs::Input;
 use inkling_io::journal::{Entry, Means};
@@ -114,6 +114,8 @@ pub struct ChangesSince<'a> {
     /// The path by which the earlier run was given.
     run: &'a Path,
     changes: Changes<'a>,
+    /// What happened to whole printheads in the recordings since then.
+    heads: Vec<&'a HeadChange>,
     /// Printheads, recordings and parts of recordings that were not judged since then, and why.
     unjudged: Vec<Unjudged>,
 }
@@ -162,7 +164,8 @@ impl<'a> ChangesSince<'a> {
         let lost = report.coverage.lost.iter().filter(|lost| !earlier.reported_lost(&lost.name));
         let lost = lost.map(|lost| Unjudged::new(&lost.name, &lost.why));
         let unjudged = silent.chain(gaps).chain(lost).collect();
-        Ok(ChangesSince { run: &earlier.run, changes, unjudged })
+        let heads = report.head_changes.iter().filter(|of| !has_results(&of.recording)).collect();
+        Ok(ChangesSince { run: &earlier.run, changes, heads, unjudged })
     }
 
     /// The changes as JSON. Its key `still` has the number of faults that are on as before.
@@ -175,6 +178,7 @@ impl<'a> ChangesSince<'a> {
             "recordings": recordings,
             "still": still,
             "unjudged": self.unjudged,
+            "heads": self.heads.iter().map(|of| head_as_json(of)).collect::<Value>(),
         });
         for (key, _, faults) in &self.changes.kinds {
             document[key] = faults.iter().map(|fault| as_json(fault)).collect();
@@ -191,6 +195,10 @@ impl<'a> ChangesSince<'a> {
         } else {
             writeln!(out, "no recording has verdicts that it had not at that run")?;
         }
+        let line = |of: &&HeadChange| {
+            format!("{}: {}", printable(&of.printhead), printable::line(&of.what, 600))
+        };
+        list(out, "printheads", self.heads.iter().map(line))?;
         for (_, words, faults) in &self.changes.kinds {
             let line = |fault: &&Fault| {
                 let channel = fault.story.channel;
@@ -205,7 +213,8 @@ impl<'a> ChangesSince<'a> {
             format!("{}: {}", printable::line(what, 200), printable::line(why, 600))
         };
         list(out, "not judged", self.unjudged.iter().map(line))?;
-        if *recordings > 0 && self.changes.kinds.iter().all(|(.., faults)| faults.is_empty()) {
+        let no_fault = self.changes.kinds.iter().all(|(.., faults)| faults.is_empty());
+        if *recordings > 0 && no_fault && self.heads.is_empty() {
             writeln!(out, "no change, of what was judged")?;
         }
         match *still as u64 {
@@ -230,6 +239,16 @@ fn list(
         .try_for_each(|line| writeln!(out, "  {line}"))
 }
 
+/// What happened to a printhead, as JSON.
+pub fn head_as_json(of: &HeadChange) -> Value {
+    json!({
+        "printhead": of.printhead.to_string(),
+        "what": of.what,
+        "recording": of.recording,
+        "as_of": of.as_of_ns.map(rfc3339),
+    })
+}
+
 /// A fault as JSON. The keys are names of columns of `report.faults.parquet`, though not of all; times are
 /// text here.
 pub fn as_json(fault: &Fault) -> serde_json::Value {
@@ -246,6 +265,7 @@ pub fn as_json(fault: &Fault) -> serde_json::Value {
         "urgency": fault.urgency,
         "action": fault.action,
         "sentence": fault.sentence,
+        "known_at": rfc3339(story.known_at_ns),
     })
 }
 

@@ -7,7 +7,7 @@
 //! options are checked and the files written. With `--changes-since` the text or JSON is about what
 //! is new (`changes_since`).
 
-use super::changes_since::{ChangesSince, EarlierRun, as_json};
+use super::changes_since::{ChangesSince, EarlierRun, as_json, head_as_json};
 use super::exit::{Exit, Failure};
 use super::output;
 use super::progress::{Progress, first_few, interruptible};
@@ -16,16 +16,19 @@ use crate::report::{self, Fault, Report};
 use crate::settings::Settings;
 use inkling_core::verdict::Reason;
 use inkling_io::column_types::TimestampUnit;
+use inkling_io::journal::JOURNAL_NAME;
 use inkling_io::outputs::{self, ResultFile};
 use inkling_io::row_table::{self, Column, Kind};
 use inkling_io::verdict_table::TableError;
-use inkling_io::{part_file, printable};
+use inkling_io::{part_file, printable, stored};
 use serde::Serialize;
 use serde_json::{Value, json};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+/// What is told of all recordings of a directory of results, in it.
+pub const ACCOUNT_NAME: &str = "account.json";
 /// Most failures that are told one by one.
 const MOST_TOLD: usize = 10;
 
@@ -78,6 +81,7 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     let declared = settings.isolate.classes.into_keys().collect::<Vec<_>>();
     let settings = settings.report;
     let page = args.output.as_deref().map(Page::at).transpose()?;
+    let account = account_of(&args.out)?;
 
     // 2. read; names and files are checked before the verdicts are read, which may take long
     let found = results::find(&args.out, "a report")?;
@@ -102,11 +106,26 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     let since = since.transpose()?;
     // 4. files first, then stdout
     page.iter().try_for_each(|page| page.write(&read.report))?;
+    if let Some(account) = &account {
+        write_json(account, &read.report.account())?;
+    }
     match args.json {
         true => tell_json(&read, since.as_ref(), page.as_ref())?,
         false => tell(&read, since.as_ref(), page.as_ref())?,
     }
     Ok(if read.failed.is_empty() { Exit::Done } else { Exit::Incomplete })
+}
+
+/// Where the account goes: into the directory of results, if that as a whole is what is reported on.
+fn account_of(out: &[String]) -> Result<Option<PathBuf>, Failure> {
+    let [out] = out else { return Ok(None) };
+    let out = Path::new(out);
+    if !stored::is_file(&out.join(JOURNAL_NAME)) {
+        return Ok(None);
+    }
+    let account = out.join(ACCOUNT_NAME);
+    outputs::check_file(&account, ResultFile::Account)?;
+    Ok(Some(account))
 }
 
 /// The files of the result: the page, and the table of faults beside it.
@@ -150,6 +169,7 @@ fn tell_json(
     let coverage = &read.report.coverage;
     document["coverage"] = json!(coverage);
     document["coverage"]["complete"] = json!(coverage.is_complete());
+    document["head_changes"] = read.report.head_changes.iter().map(head_as_json).collect();
     document["notes"] = json!(read.report.notes);
     document["failed"] = json!(read.failed);
     output::event(&document)
@@ -190,7 +210,7 @@ type Cell = fn(&Fault) -> Value;
 
 /// The columns of the table of faults, in its order. `schemas/faults.md` explains them; a test
 /// compares.
-static COLUMNS: [(Column, Cell); 16] = [
+static COLUMNS: [(Column, Cell); 17] = [
     (Column::required("printhead", Kind::Name), |f| json!(f.story.printhead)),
     (Column::required("channel", Kind::Count), |f| json!(f.story.channel)),
     (Column::nullable("category", Kind::Name), |f| json!(f.story.category)),
@@ -207,9 +227,10 @@ static COLUMNS: [(Column, Cell); 16] = [
     (Column::required("urgency", Kind::Number), |f| json!(f.urgency)),
     (Column::required("action", Kind::Name), |f| json!(f.action)),
     (Column::required("sentence", Kind::Text), |f| json!(f.sentence)),
+    (Column::required("known_at", Kind::Time), |f| json!(f.story.known_at_ns)),
 ];
 
-fn columns() -> [Column; 16] {
+fn columns() -> [Column; 17] {
     COLUMNS.each_ref().map(|(column, _)| *column)
 }
 

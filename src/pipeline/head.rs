@@ -20,7 +20,7 @@
 use super::batches::AssignedJudge;
 use super::channel_subset::ChannelSubset;
 use super::frozen::{Frozen, LEAST_NOISE};
-use super::head_movement::HeadMovement;
+use super::head_movement::{HeadMovement, ReplacedChannel};
 use super::moved_judge::{MovedJudge, is_beyond};
 use super::rings::Deviations;
 use super::run::Replay;
@@ -142,6 +142,12 @@ impl Head {
             own: None,
             movement: HeadMovement::new(burst.printhead.clone()),
         })
+    }
+
+    /// How the head moved, as far as the recording has gone.
+    pub fn movement(&self) -> HeadMovement {
+        let replaced = self.state.replaced().map(ReplacedChannel::from).collect();
+        HeadMovement { replaced, ..self.movement.clone() }
     }
 
     pub fn memory(&self) -> HeadMemory {

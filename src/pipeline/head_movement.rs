@@ -6,7 +6,7 @@
 
 use crate::report::clock;
 use crate::settings::IdentifySettings;
-use inkling_core::state::{Features, Head};
+use inkling_core::state::{Features, Head, Replaced};
 use serde::Serialize;
 use std::sync::Arc;
 
@@ -35,9 +35,51 @@ pub struct HeadMovement {
     /// first surely exceeded [`MOST_SCATTER`], ns.
     pub scatter: f64,
     pub scatter_since_ns: Option<i64>,
+    /// Channels that ring otherwise since a pause, as other channels in their places would.
+    pub replaced: Vec<ReplacedChannel>,
     /// The level of the first rejected sweep: ln amplitude, ln damping, ln frequency, phase in rad.
     pub strange_at: Option<[f64; 4]>,
 }
+
+/// A channel that was replaced, and how its ring differs from before: relative changes, .1 is 10 % more.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct ReplacedChannel {
+    pub channel: u32,
+    pub since_ns: i64,
+    pub amplitude: f64,
+    pub damping: f64,
+    pub frequency: f64,
+}
+
+impl From<Replaced> for ReplacedChannel {
+    fn from(of: Replaced) -> ReplacedChannel {
+        let [amplitude, damping, frequency, _] = of.by.map(f64::exp_m1).into();
+        ReplacedChannel {
+            channel: of.channel,
+            since_ns: of.since_ns,
+            amplitude,
+            damping,
+            frequency,
+        }
+    }
+}
+
+impl ReplacedChannel {
+    fn in_words(&self) -> String {
+        format!(
+            "channel {} rings otherwise since {}, as a replaced channel would: damping {:+.1} %, resonance {:+.2} %, \
+             amplitude {:+.1} % against before",
+            self.channel,
+            at(self.since_ns),
+            100.0 * self.damping,
+            100.0 * self.frequency,
+            100.0 * self.amplitude,
+        )
+    }
+}
+
+/// Most replaced channels of a printhead that are told one by one.
+const MOST_REPLACED: usize = 16;
 
 impl HeadMovement {
     pub fn new(printhead: Arc<str>) -> HeadMovement {
@@ -45,7 +87,7 @@ impl HeadMovement {
     }
 
     pub fn is_told(&self) -> bool {
-        self.bursts > 0 || self.late > 0 || self.is_of_all_channels()
+        self.bursts > 0 || self.late > 0 || !self.replaced.is_empty() || self.is_of_all_channels()
     }
 
     /// Whether a warning explains that many channels are flagged at once.
@@ -130,7 +172,11 @@ impl HeadMovement {
                 self.scatter,
             )
         });
-        [beyond, strange, swapped, late, scatter].into_iter().flatten().collect()
+        let replaced = self.replaced.iter().take(MOST_REPLACED).map(ReplacedChannel::in_words);
+        let more = self.replaced.len().saturating_sub(MOST_REPLACED);
+        let more = (more > 0).then(|| format!("{more} channels more ring otherwise"));
+        let of_all = [beyond, strange, swapped, late, scatter].into_iter().flatten();
+        of_all.chain(replaced).chain(more).collect()
     }
 }
 

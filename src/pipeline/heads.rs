@@ -128,8 +128,8 @@ impl<'a> Heads<'a> {
 
     /// How printheads moved, for those of which there is something to tell, sorted by name.
     pub fn movements(&self) -> Vec<HeadMovement> {
-        let heads = self.heads.iter().flatten().map(|of| &of.head.movement);
-        let mut moved: Vec<HeadMovement> = heads.filter(|of| of.is_told()).cloned().collect();
+        let heads = self.heads.iter().flatten().map(|of| of.head.movement());
+        let mut moved: Vec<HeadMovement> = heads.filter(HeadMovement::is_told).collect();
         moved.sort_by(|p, q| p.printhead.cmp(&q.printhead));
         moved
     }

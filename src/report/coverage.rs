@@ -39,6 +39,11 @@ pub struct Gap {
 }
 
 impl Gap {
+    /// Index of the latest recording concerned among the sources.
+    pub fn source(&self) -> usize {
+        self.source
+    }
+
     /// A gap of a printhead in one recording, the source with the index `at`.
     fn of_head(head: &Head, what: String, at: usize, sources: &[Source]) -> Option<Gap> {
         let recording = sources.get(at)?.name.clone();

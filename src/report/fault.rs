@@ -6,13 +6,15 @@
 //!
 //! The formulas: urgency = certainty x expected loss of a drop x (1 if the fault is on, 0.5 if it
 //! is over but came back before, 0 if it is over). The loss is a rough share of a drop by class and
-//! severity (`loss`), a day ahead where the trend is certain. The forecast (`hours_to_visible`)
+//! severity (`loss`), a day ahead where the trend is certain. Of a fault without a name of now it is 1 - 1 / d,
+//! where d is its distance from healthy in distances of the threshold, at least the loss of the size that it had
+//! last; its certainty counts as a half, since nothing is known of its drop. The forecast (`hours_to_visible`)
 //! follows the trend until half of a drop is lost. The factors are heuristic; nothing was tuned.
 
 use super::settings::ReportSettings;
 use super::story::Story;
 use super::trend::{Direction, Trend};
-use super::watch::{DISTANCE, sized_as};
+use super::watch::{DISTANCE, Spell, sized_as};
 use super::words;
 use inkling_core::episodes::{share, size_in_words};
 use inkling_core::fault;
@@ -93,17 +95,31 @@ fn key(story: &Story) -> &str {
 /// The urgency by the file's formula. A certain trend extrapolates the severity by a day, or by the time over
 /// which the trend was seen if that is shorter.
 fn urgency(story: &Story) -> f64 {
-    // A signal without a ring certainly has a fault, though nothing is known of the nozzle.
-    let unknown = if story.reason == Some(Reason::NoRing) { 1.0 } else { UNKNOWN };
-    let certainty = story.certainty.unwrap_or(unknown).clamp(0.0, 1.0);
     let ahead = certain_trend(story).map_or(0.0, |t| t.per_day * t.span_days.min(1.0));
-    let severity = story.severity_last.map(|s| s + ahead);
+    let of_class = |severity| loss(story.fault.as_deref(), story.category.as_deref(), severity);
+    let (certainty, loss) = match story.reason {
+        // a signal without a ring certainly has a fault, though nothing is known of the nozzle
+        Some(Reason::NoRing) => (1.0, UNKNOWN),
+        _ if is_named_now(story) => {
+            (story.certainty.unwrap_or(UNKNOWN), of_class(story.severity_last.map(|s| s + ahead)))
+        }
+        _ => {
+            let by_distance = story.distance.map_or(UNKNOWN, |d| 1.0 - 1.0 / (d + ahead).max(1.0));
+            let before = story.lost.and_then(|of| of.severity);
+            (UNKNOWN, by_distance.max(before.map_or(0.0, |s| of_class(Some(s)))))
+        }
+    };
     let on = match (story.ended_at_ns, story.cures) {
         (None, _) => 1.0,
         (Some(_), 0) => 0.0,
         (Some(_), _) => MAY_RETURN,
     };
-    certainty * loss(story.fault.as_deref(), story.category.as_deref(), severity) * on
+    certainty.clamp(0.0, 1.0) * loss * on
+}
+
+/// Whether present signals carry the fault's name.
+pub fn is_named_now(story: &Story) -> bool {
+    story.category.is_some() && story.lost.is_none()
 }
 
 /// Rough share of a healthy drop that is lost: 0 none, 1 all. `severity` is in the class's unit;
@@ -129,6 +145,13 @@ fn loss(class: Option<&str>, category: Option<&str>, severity: Option<f64>) -> f
 
 /// What the fault is in words, without its size.
 pub fn what(story: &Story) -> String {
+    let of_now = story.lost.is_none();
+    let words = name_in_words(story);
+    if of_now { words } else { format!("no longer named; {words} when last known") }
+}
+
+/// The name of the fault, or what stands for it.
+fn name_in_words(story: &Story) -> String {
     match (&story.fault, &story.category, &story.explanation, story.reason) {
         (Some(class), ..) => match fault::in_words(class) {
             words if words == class => class.clone(),
@@ -142,12 +165,35 @@ pub fn what(story: &Story) -> String {
     }
 }
 
-/// The size of the fault in words; empty if it was not sized.
+/// The size of the fault in words, with its time where that is over; empty if it was not sized.
 pub fn size(story: &Story) -> String {
     let of_category = || sized_as(story.category.as_deref()?);
     let Some(class) = story.fault.as_deref().or_else(of_category) else { return String::new() };
-    let size = size_in_words(class, story.severity_last, story.severity_sd);
-    size.trim_start_matches(", ").to_owned()
+    let of = story.lost.map_or((story.severity_last, story.severity_sd), |of| (of.severity, of.sd));
+    let size = size_in_words(class, of.0, of.1);
+    let at = story.lost.map(|_| format!("at {}", words::clock(story.known_at_ns)));
+    words::joined([size.trim_start_matches(", ").to_owned(), at.unwrap_or_default()], " ")
+}
+
+/// Of a fault that signals no longer name: since when that is so, and what is known instead.
+pub fn instead_in_words(story: &Story) -> Option<String> {
+    story.lost?;
+    let since = words::clock(story.known_at_ns);
+    let distance = story.distance.map(|d| {
+        format!("now {} times as far from healthy as the threshold", words::three_digits(d))
+    });
+    let ring = |of: &&Spell| of.episode.resonance_hz.zip(of.episode.damping_per_s);
+    let rings = story
+        .spells
+        .iter()
+        .find_map(|of| ring(&of))
+        .zip(story.spells.iter().rev().find_map(|of| ring(&of)));
+    let ring = rings.map(|((f0, d0), (f, d))| {
+        let of = |now: f64, then: f64| words::signed(100.0 * (now / then - 1.0), 1);
+        format!("resonance {} % and damping {} % since its first episode", of(f, f0), of(d, d0))
+    });
+    let known = words::joined([distance.unwrap_or_default(), ring.unwrap_or_default()], ", ");
+    Some(words::joined([format!("its signals carry no name since {since}"), known], "; "))
 }
 
 /// The trend, if its 95 % interval excludes 0. Tables and forecasts use no other.
@@ -248,7 +294,9 @@ pub fn forecast_in_words(story: &Story) -> Option<String> {
 /// The fault in one sentence, with what to do if the channel is to be cleaned.
 fn sentence_of(fault: &Fault) -> String {
     let story = &fault.story;
-    let certainty = story.certainty.map_or(String::new(), |c| format!("certainty {}", share(c)));
+    // the weight of the best class of what has no name says nothing
+    let certainty = story.certainty.filter(|_| is_named_now(story));
+    let certainty = certainty.map_or(String::new(), |c| format!("certainty {}", share(c)));
     let mut parts = vec![words::joined([what(story), size(story), certainty], ", ")];
     let since = words::clock(story.began_at_ns);
     let recordings = words::counted(story.recordings.into(), "recording");
@@ -266,6 +314,7 @@ fn sentence_of(fault: &Fault) -> String {
             words::clock(end)
         ),
     });
+    parts.extend(instead_in_words(story));
     if certain_trend(story).is_some() && story.ended_at_ns.is_none() {
         parts.push(trend_in_words(story));
     }
@@ -292,7 +341,7 @@ mod tests {
     use super::*;
     use crate::report::fixtures::spell;
     use crate::report::story::{Rates, stories};
-    use crate::report::watch::Watch;
+    use crate::report::watch::{Flagged, Watch};
 
     #[test]
     fn what_a_channel_is_now_is_to_be_cleaned_and_what_it_was_is_its_past() {
@@ -302,7 +351,7 @@ mod tests {
         ]);
         for t in 0..100 {
             let flagged = (10..20).contains(&t) || t >= 80;
-            watch.add_burst(0, t, flagged, None);
+            watch.add_burst(0, t, flagged.then(Flagged::default));
         }
         let stories = stories(&watch, &Rates { false_alarms: 1e-3, ..Rates::default() });
         let mut faults = Fault::of_channel(stories, &ReportSettings::default());

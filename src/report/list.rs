@@ -4,8 +4,11 @@
 //! to clean, most urgent first, then channels that are healthy again.
 
 use super::coverage::Extent;
+use super::fault::instead_in_words;
 use super::words::{Column, clock, columns, counted, counted_as, joined};
-use super::{Fault, Report, certain_trend, forecast_in_words, size, trend_in_words, what};
+use super::{
+    Fault, HeadChange, Report, certain_trend, forecast_in_words, size, trend_in_words, what,
+};
 use std::io::{self, Write};
 
 /// Most lines of the list, and of the notes.
@@ -23,6 +26,10 @@ pub fn print(
     let over = report.over().count();
     if let Some(first) = report.coverage.first() {
         writeln!(out, "{}", printable(&first, 2000))?;
+    }
+    let changes = report.head_changes.iter().filter(|of| of.is_of_last_night);
+    for HeadChange { printhead, what, .. } in changes.take(MOST_LISTED) {
+        writeln!(out, "{}: {}", printable(printhead, 64), printable(what, 600))?;
     }
     for note in report.notes.iter().take(MOST_LISTED) {
         writeln!(out, "note: {}", printable(note, 600))?;
@@ -85,6 +92,7 @@ fn to_clean(
 fn in_words(fault: &Fault) -> String {
     let story = &fault.story;
     let mut parts = vec![what(story), size(story)];
+    parts.extend(instead_in_words(story));
     parts.extend(certain_trend(story).map(|_| trend_in_words(story)));
     parts.extend(forecast_in_words(story));
     let times = counted_as(story.cures.into(), "once", "times");

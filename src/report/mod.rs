@@ -10,13 +10,14 @@
 //! 1. `survey` reads the verdicts once: `counts`, a map of each printhead (`map`), and a `watch` of
 //!    each channel that had an episode.
 //! 2. `coverage` and `false_alarms` say what was judged, and how well.
-//! 3. `story` links the episodes of each channel into one story per fault; `trend` says whether the
-//!    fault grows. `fault` makes an entry of the cleaning list of each story.
-//! 4. `notes`, `changes` and `drift` look over channels, printheads and nights.
-//! 5. `page` writes all that with `heads`, `tables`, `maps` and `figures`.
+//! 3. `story` links the episodes of each channel into one story per fault; `naming` says until when its
+//!    signals carry its name, and `trend` whether the fault grows. `fault` makes an entry of the cleaning list of each story.
+//! 4. `notes`, `head_changes`, `changes` and `drift` look over channels, printheads and nights.
+//! 5. `page` writes all that with `heads`, `tables`, `maps` and `figures`, and `account` as one document.
 //!
 //! `evaluation` and `promised` are other pages made by the same means, for the verb `score`.
 
+mod account;
 mod bins;
 mod changes;
 mod counts;
@@ -28,11 +29,13 @@ mod fault;
 mod figures;
 #[cfg(test)]
 mod fixtures;
+mod head_changes;
 mod heads;
 mod light;
 mod list;
 mod map;
 mod maps;
+mod naming;
 mod night;
 mod notes;
 mod page;
@@ -49,6 +52,7 @@ mod words;
 pub use changes::Changes;
 pub use evaluation::html as evaluation;
 pub use fault::{Fault, certain_trend, forecast_in_words, size, trend_in_words, what};
+pub use head_changes::HeadChange;
 pub use list::print;
 pub use maps::waterfalls;
 pub use page::html;
@@ -62,6 +66,7 @@ use counts::Tally;
 use coverage::Coverage;
 use drift::ModelPoint;
 use false_alarms::FalseAlarms;
+use fault::hours_to_visible;
 use night::{Span, whole};
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -103,6 +108,8 @@ pub struct Report {
     pub faults: Vec<Fault>,
     /// Sentences that the reader should know before anything is cleaned.
     pub notes: Vec<String>,
+    /// What happened to whole printheads, the newest first.
+    pub head_changes: Vec<HeadChange>,
     /// What was judged, and what was not.
     pub coverage: Coverage,
     pub false_alarms: FalseAlarms,
@@ -140,7 +147,8 @@ impl Report {
         let mut recordings = lines(sources, &survey);
         recordings.sort_by_cached_key(|line| (line.span.map(|span| span.0), line.name.clone()));
         let drift = drift::points(sources);
-        Report { recordings, faults, notes, coverage, false_alarms, drift, survey }
+        let head_changes = head_changes::of(&recordings, sources);
+        Report { recordings, faults, notes, head_changes, coverage, false_alarms, drift, survey }
     }
 
     /// The last faults of channels that are healthy again and need no cleaning.

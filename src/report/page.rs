@@ -16,7 +16,7 @@ use super::story::Story;
 use super::survey::Head;
 use super::tables::LinkTargets;
 use super::words::{clock, counted, first_of, of_some, percent, thousands};
-use super::{RecordingLine, Report, figures, heads, maps, tables};
+use super::{HeadChange, RecordingLine, Report, figures, heads, maps, tables};
 use inkling_core::fault;
 use inkling_core::verdict::Reason;
 use inkling_lab::plot::page::{escaped, list, name, note, page, section, sentence, table};
@@ -27,6 +27,8 @@ use std::sync::Arc;
 const MOST_MAP_BYTES: usize = 3_500_000;
 /// Most channels that are listed for each kind of change, and most printheads that were not judged.
 const MOST_CHANGES: usize = 12;
+/// Most earlier changes of printheads that are listed, the newest.
+const MOST_HEAD_CHANGES: usize = 40;
 
 /// The whole page.
 pub fn html(report: &Report) -> String {
@@ -37,6 +39,11 @@ pub fn html(report: &Report) -> String {
         body += &sentence(&text);
     }
     body += &note(&basis(report));
+    let (of_last, before): (Vec<_>, Vec<_>) =
+        report.head_changes.iter().partition(|of| of.is_of_last_night);
+    for HeadChange { printhead, what, .. } in &of_last {
+        body += &format!("<p class=\"warn\"><b>{}.</b> {}</p>\n", name(printhead), escaped(what));
+    }
     for note in &report.notes {
         body += &format!("<p class=\"warn\"><b>Note.</b> {}</p>\n", escaped(note));
     }
@@ -60,6 +67,7 @@ pub fn html(report: &Report) -> String {
         body += "<h2>Over: healthy again, and did not come back</h2>\n";
         body += &tables::over(report, &over, &drawn);
     }
+    body += &section("Earlier changes of printheads", &head_changes(&before));
     body += "<h2>Recordings and printheads</h2>\n";
     body += &note(
         "Of each printhead: channels with a fault episode, then the share of flagged signals.",
@@ -97,8 +105,9 @@ fn in_short(report: &Report, open: &[&Fault]) -> Option<String> {
 
     // How many faults there are of each kind, the most frequent kind first.
     let mut kinds: BTreeMap<String, u64> = BTreeMap::new();
-    for Story { category, reason, .. } in open.iter().map(|fault| &fault.story) {
+    for Story { category, reason, lost, .. } in open.iter().map(|fault| &fault.story) {
         let kind = match (category, reason) {
+            _ if lost.is_some() => "no longer named".to_owned(),
             (Some(category), _) => category.replace('_', " "),
             (None, Some(Reason::NoRing)) => "at the sensor line".into(),
             (None, _) => "not named".into(),
@@ -107,7 +116,11 @@ fn in_short(report: &Report, open: &[&Fault]) -> Option<String> {
     }
     let mut kinds: Vec<(String, u64)> = kinds.into_iter().collect();
     kinds.sort_by_key(|(_, n)| std::cmp::Reverse(*n));
-    let kinds: Vec<String> = kinds.iter().map(|(kind, n)| format!("{n} {kind}")).collect();
+    let is_noun = |kind: &str| ["nozzle", "bubble", "channel"].iter().any(|of| kind.ends_with(of));
+    let kinds: Vec<String> = kinds
+        .iter()
+        .map(|(kind, n)| if is_noun(kind) { counted(*n, kind) } else { format!("{n} {kind}") })
+        .collect();
     let verb = if open.len() == 1 { "needs" } else { "need" };
     let come_and_go = open.iter().filter(|f| f.story.ended_at_ns.is_some()).count() as u64;
     let now = match come_and_go {
@@ -172,6 +185,18 @@ fn draw_maps(report: &Report) -> (String, BTreeMap<Arc<str>, usize>) {
         body += &format!("<p>{heads} more are not drawn: those with most faults come first.</p>\n");
     }
     (body, drawn_of)
+}
+
+/// The list of what happened to printheads before the last night; empty if nothing did.
+fn head_changes(before: &[&HeadChange]) -> String {
+    let item = |of: &&HeadChange| {
+        let at = of.as_of_ns.map(clock).unwrap_or_default();
+        format!("{at}, <b>{}</b>: {}", name(&of.printhead), escaped(&of.what))
+    };
+    match before.len() {
+        0 => String::new(),
+        _ => list(before.iter().take(MOST_HEAD_CHANGES).map(item)),
+    }
 }
 
 /// The section of what changed since the night before; empty if there was none.

@@ -32,8 +32,9 @@
 //! once in a channel's life is a story of its own. This model is the project's own, no published
 //! one.
 
+use super::naming::LastNamed;
 use super::trend::{self, Trend};
-use super::watch::{self, BurstCounts, Spell, Watch};
+use super::watch::{self, BurstCounts, DISTANCE, Spell, Watch};
 use inkling_core::episodes::Episode;
 use inkling_core::model::faults::{self, Law};
 use inkling_core::verdict::Reason;
@@ -104,6 +105,12 @@ pub struct Story {
     pub cures: u32,
     /// Onset of the first episode after the last cure.
     pub last_began_at_ns: i64,
+    /// Of what time name and size are: t_a of the last signal that carries the name, or of a story without a
+    /// name, of its last look.
+    pub known_at_ns: i64,
+    /// Where present signals carry the name no longer: the size that it had at last, which is not told as of
+    /// now. Then the story has no size and no certainty, and its trend is that of the distance from healthy.
+    pub lost: Option<LastSize>,
     /// The first and the last severity among the episodes that are sized in `quantity`.
     pub severity_first: Option<f64>,
     pub severity_last: Option<f64>,
@@ -111,10 +118,19 @@ pub struct Story {
     pub severity_sd: Option<f64>,
     /// The quantity that the severities measure; `None` if they measure several.
     pub quantity: Option<String>,
-    /// Trend of the severity since the last cure; `None` if there are too few sizes.
+    /// Trend of `quantity` since the last cure; `None` if there are too few sizes.
     pub trend: Option<Trend>,
+    /// Mean distance of its latest signals from healthy, in distances of the threshold; `None`: no ring.
+    pub distance: Option<f64>,
     /// Certainty, from 0 to 1, of the episode that the story is named after.
     pub certainty: Option<f64>,
+}
+
+/// A size as it was last known, with its standard deviation; `None` of a fault that was never sized.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct LastSize {
+    pub severity: Option<f64>,
+    pub sd: Option<f64>,
 }
 
 /// If these words stand in an episode's explanation, the cause lies in the sensor line.
@@ -234,22 +250,31 @@ fn story(
 
     // The size is that of the last episode that has one in the quantity of the story's class. Episodes
     // of another class may be sized in another unit, and those without a name as their best class is.
-    let quantity = watch::quantity(named).map(str::to_owned);
-    let same = |e: &&Episode| e.category.is_some() && watch::quantity(e) == quantity.as_deref();
+    let quantity = watch::quantity(named);
+    let same = |e: &&Episode| e.category.is_some() && watch::quantity(e) == quantity;
     let mut sized = spells.iter().map(|s| &s.episode).filter(same);
     let last_sized = sized.clone().rfind(|e| e.severity_last.is_some());
-    let severity_last = last_sized.and_then(|e| e.severity_last);
-    let severity_sd = last_sized.and_then(|e| e.severity_sd);
+    let last = LastSize {
+        severity: last_sized.and_then(|e| e.severity_last),
+        sd: last_sized.and_then(|e| e.severity_sd),
+    };
+    // where present signals carry the name no longer, the distance is what is known of the fault
+    let last_named = last_named(watch, spells, named);
+    let lost = (!last_named.is_of_now).then_some(last);
+    let quantity = if lost.is_some() { Some(DISTANCE) } else { quantity };
 
     // The relative standard deviation of the size, measured from the severity of no fault
     // (`Law::none`): all sizes of the channel may be off by this factor, and so may the trend.
     let none = named.fault.as_deref().and_then(faults::law).map(Law::none);
-    let scale = severity_last.zip(severity_sd).zip(none);
+    let scale = last.severity.zip(last.sd).zip(none).filter(|_| lost.is_none());
     let scale = scale.map(|((last, sd), none)| sd / (last - none).abs());
     let scale = scale.filter(|scale| scale.is_finite()).unwrap_or(0.0);
-    let course = quantity.as_deref().and_then(|quantity| watch.course(quantity));
+    let course = quantity.and_then(|quantity| watch.course(quantity));
     let to_ns = ended_at_ns.unwrap_or(i64::MAX);
     let trend = course.and_then(|course| trend::trend(course, last_began_at_ns, to_ns));
+    let distances = watch.course(DISTANCE).into_iter().flat_map(|course| course.values());
+    let within = distances.filter(|bin| bin.n > 0.0 && bin.t_ns() < to_ns as f64);
+    let size_of_now = if lost.is_none() { last } else { LastSize::default() };
 
     // What stands for the name of a story without a category.
     let is_unnamed = named.category.is_none();
@@ -271,13 +296,31 @@ fn story(
         cures: inner.iter().filter(|gap| gap.cured).count() as u32,
         last_began_at_ns,
         severity_first: sized.find_map(|e| e.severity_first),
-        severity_last,
-        severity_sd,
+        severity_last: size_of_now.severity,
+        severity_sd: size_of_now.sd,
         trend: trend.map(|trend| trend.of_scale(scale)),
-        certainty: named.certainty,
+        distance: within.last().map(|bin| bin.mean()),
+        certainty: named.certainty.filter(|_| lost.is_none()),
+        known_at_ns: last_named.at_ns,
+        lost,
         spells: spells.to_vec(),
-        quantity,
+        quantity: quantity.map(str::to_owned),
     }
+}
+
+/// The last signal that carries the name of the story of these episodes. Where no signal does by itself, and
+/// they are named by what they say together, it is the last look of the last episode of that name.
+fn last_named(watch: &Watch, spells: &[Spell], named: &Episode) -> LastNamed {
+    let calls = named.category.as_deref().and_then(|category| watch.calls(category));
+    calls.and_then(|calls| calls.last()).unwrap_or_else(|| {
+        let of_name = spells.iter().rfind(|of| of.episode.category == named.category);
+        let of_name = of_name.unwrap_or(&spells[spells.len() - 1]);
+        let at_ns = of_name.counts.last_flagged_ns.unwrap_or(of_name.episode.raised_at_ns);
+        LastNamed {
+            at_ns,
+            is_of_now: spells.last().is_some_and(|last| std::ptr::eq(last, of_name)),
+        }
+    })
 }
 
 /// An episode's explanation without its beginning `channel 7: `; `None` if it is empty.
@@ -290,6 +333,7 @@ fn explanation(of: &Episode) -> Option<String> {
 #[cfg(test)]
 mod tests {
     use super::super::fixtures::spell;
+    use super::super::watch::{Flagged, Size};
     use super::*;
 
     const RATES: fn() -> Rates = || Rates {
@@ -306,7 +350,7 @@ mod tests {
         for r in 0..recordings {
             for k in 0..20 {
                 let t = 100 * r as i64 + k;
-                watch.add_burst(r, t, on(t), None);
+                watch.add_burst(r, t, on(t).then(Flagged::default));
             }
         }
         watch
@@ -340,6 +384,38 @@ mod tests {
         let weak = vec![spell(0, 0, None, "dried_nozzle")];
         let all = stories(&watched(weak, 1, |t| t % 2 == 0), &RATES());
         assert_eq!(all[0].ended_at_ns, None);
+    }
+
+    /// The signals of the first five recordings are named and sized, those of the others only grow.
+    #[test]
+    fn what_signals_carry_no_longer_is_told_as_last_known() {
+        let hour = 3_600_000_000_000;
+        let mut spells: Vec<Spell> =
+            (0..10).map(|r| spell(r, r as i64 * 24 * hour, None, "dried_nozzle")).collect();
+        spells[5..].iter_mut().for_each(|of| of.episode.category = None);
+        let mut watch = Watch::new(spells);
+        for r in 0..10 {
+            for k in 0..20 {
+                let is_named = r < 5;
+                let size = Size { quantity: "viscosity", size: 1.4 };
+                let signal = Flagged {
+                    category: is_named.then_some("dried_nozzle"),
+                    size: is_named.then_some(size),
+                    distance: Some(2.0 + r as f64 + 0.01 * f64::from(k % 3)),
+                };
+                watch.add_burst(r, r as i64 * 24 * hour + i64::from(k) * 1_000_000, Some(signal));
+            }
+        }
+        let all = stories(&watch, &RATES());
+        assert_eq!(all.len(), 1, "it was never gone");
+        let s = &all[0];
+        assert_eq!((s.severity_last, s.certainty), (None, None));
+        assert_eq!(s.lost, Some(LastSize { severity: Some(1.4), sd: Some(0.1) }));
+        assert_eq!(s.category.as_deref(), Some("dried_nozzle"), "the name it had");
+        assert_eq!(s.known_at_ns, 4 * 24 * hour + 19_000_000);
+        assert!(s.distance.is_some_and(|d| d > 10.9), "{:?}", s.distance);
+        let trend = s.trend.expect("ten nights of distances");
+        assert!((trend.per_day - 1.0).abs() < 0.05, "{trend:?}");
     }
 
     #[test]

@@ -13,7 +13,7 @@
 use super::counts::{ChannelCount, Tally};
 use super::map::{HeadMap, Picture, class};
 use super::night::whole;
-use super::watch::{DISTANCE, Size, Spell, Watch};
+use super::watch::{Flagged, Size, Spell, Watch};
 use inkling_core::episodes::Episode;
 use inkling_core::fault;
 use inkling_core::verdict::{Outcome, Reason, VerdictColumns};
@@ -133,7 +133,7 @@ impl Survey {
             let same = |row: &usize| c.printhead[*row] == head && c.acquired_at_ns[*row] == t_ns;
             let to = from + (from..c.len()).take_while(same).count();
             let left_out = match heads.get(head as usize).copied().flatten() {
-                Some(at) => self.heads[at].burst(recording, c, from..to, names.classes, &codes),
+                Some(at) => self.heads[at].burst(recording, c, from..to, names, &codes),
                 None => (to - from) as u64,
             };
             if left_out > 0 {
@@ -214,7 +214,7 @@ impl Head {
         recording: usize,
         c: &VerdictColumns,
         rows: Range<usize>,
-        classes: &[String],
+        names: Names,
         codes: &[u8],
     ) -> u64 {
         let t_ns = c.acquired_at_ns[rows.start];
@@ -265,26 +265,29 @@ impl Head {
             count.judged += 1;
             count.flagged += u64::from(flagged);
             if let Some(watch) = count.watch.and_then(|at| self.watches.get_mut(at)) {
-                let sized = sized(c, row, classes).filter(|_| flagged);
-                watch.add_burst(recording, t_ns, flagged, sized);
+                watch.add_burst(recording, t_ns, flagged.then(|| said(c, row, names)));
             }
         }
         left_out
     }
 }
 
-/// The size of a row's fault. With a class and a severity it is the severity; without a class the
-/// distance from healthy, in distances of the threshold, which is the root of statistic /
-/// threshold, as a statistic is the square of a distance. `None` where neither is known, or no ring
-/// was found.
-fn sized<'a>(c: &VerdictColumns, row: usize, classes: &'a [String]) -> Option<Size<'a>> {
-    let class = c.candidate[row].and_then(|k| classes.get(usize::from(k)));
-    if let Some((class, severity)) = class.zip(c.severity[row]) {
-        return Some(Size { quantity: fault::quantity(class), size: severity.into() });
-    }
+/// What a flagged row says: a category where that is certain; the severity of the best class; and the distance
+/// from healthy, in distances of the threshold, which is the root of statistic / threshold, as a statistic is
+/// the square of a distance.
+fn said<'a>(c: &VerdictColumns, row: usize, names: Names<'a>) -> Flagged<'a> {
+    let class = c.candidate[row].and_then(|k| names.classes.get(usize::from(k)));
+    let size = |(class, severity): (&'a String, f32)| Size {
+        quantity: fault::quantity(class),
+        size: severity.into(),
+    };
+    let category = c.category[row].and_then(|k| names.categories.get(usize::from(k)));
     let over = c.statistic[row].zip(c.threshold[row]).map(|(s, t)| f64::from(s / t).sqrt());
-    let is_ring = c.reason[row] != Some(Reason::NoRing);
-    over.filter(|_| class.is_none() && is_ring).map(|size| Size { quantity: DISTANCE, size })
+    Flagged {
+        category: category.filter(|_| c.outcome[row] == Outcome::Faulty).map(String::as_str),
+        size: class.zip(c.severity[row]).map(size),
+        distance: over.filter(|_| c.reason[row] != Some(Reason::NoRing)),
+    }
 }
 
 /// The code of a row on the map.

@@ -5,7 +5,7 @@
 //! a CSS variable (`--a` to `--d`), and the style sheet sorts rows by the variable whose button is
 //! checked.
 
-use super::fault::{Fault, forecast_in_words, size, trend_in_words, what};
+use super::fault::{Fault, forecast_in_words, instead_in_words, size, trend_in_words, what};
 use super::light::Light;
 use super::source::MOST_OF_DAMAGE;
 use super::words::{clock, counted, counted_as, percent, thousands};
@@ -100,7 +100,9 @@ fn row(report: &Report, fault: &Fault, drawn: &LinkTargets, order: Option<[usize
         }
         None => (String::new(), s.ended_at_ns.map(clock).unwrap_or_default(), String::new()),
     };
-    let more = [size(s), trend, forecast_in_words(s).unwrap_or_default()];
+    let [instead, forecast] =
+        [instead_in_words(s), forecast_in_words(s)].map(Option::unwrap_or_default);
+    let more = [size(s), instead, trend, forecast];
     let more = more.iter().filter(|more| !more.is_empty()).map(|more| small(more));
     Row {
         attributes: format!(" id=\"r{place}\"{style}"),
@@ -138,10 +140,10 @@ fn whose(fault: &Fault, place: usize, drawn: &LinkTargets) -> String {
     text
 }
 
-/// The history of a fault, `28 in 28 recordings; still on`.
+/// The history of a fault, `28 episodes in 28 recordings; still on`.
 fn history(fault: &Fault) -> String {
     let s = &fault.story;
-    let episodes = thousands(s.spells.len() as u64);
+    let episodes = counted(s.spells.len() as u64, "episode");
     let mut text = format!("{episodes} in {}", counted(s.recordings.into(), "recording"));
     if s.cures > 0 {
         text += &format!(", cured {}", counted_as(s.cures.into(), "once", "times"));

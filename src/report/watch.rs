@@ -6,6 +6,7 @@
 //! are of one fault, and which `false_alarms` counts over. A burst holds one signal of the channel,
 //! so bursts and signals are the same number here.
 
+use super::naming::Calls;
 use super::trend::Course;
 use inkling_core::episodes::Episode;
 use inkling_core::fault;
@@ -18,6 +19,8 @@ pub struct BurstCounts {
     pub flagged: u64,
     /// t_a of the first burst that was not flagged.
     pub first_quiet_ns: Option<i64>,
+    /// t_a of the last burst that was flagged.
+    pub last_flagged_ns: Option<i64>,
 }
 
 impl BurstCounts {
@@ -26,6 +29,7 @@ impl BurstCounts {
         self.judged += 1;
         if flagged {
             self.flagged += 1;
+            self.last_flagged_ns = self.last_flagged_ns.max(Some(t_ns));
         } else {
             self.first_quiet_ns = self.first_quiet_ns.into_iter().chain([t_ns]).min();
         }
@@ -36,6 +40,7 @@ impl BurstCounts {
         self.judged += other.judged;
         self.flagged += other.flagged;
         self.first_quiet_ns = self.first_quiet_ns.into_iter().chain(other.first_quiet_ns).min();
+        self.last_flagged_ns = self.last_flagged_ns.max(other.last_flagged_ns);
     }
 }
 
@@ -55,12 +60,24 @@ pub struct Size<'a> {
     pub size: f64,
 }
 
+/// What a flagged signal says.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Flagged<'a> {
+    /// The category that it is named by; `None`: none is certain.
+    pub category: Option<&'a str>,
+    pub size: Option<Size<'a>>,
+    /// Its distance from healthy, in distances of the threshold; `None`: it has no ring.
+    pub distance: Option<f64>,
+}
+
 /// A channel's episodes in the order of their onsets, and counts of its bursts in and outside of them.
 #[derive(Clone, Debug)]
 pub struct Watch {
     pub spells: Vec<Spell>,
     /// Counts outside of episodes: `outside[k]` holds the bursts after the onsets of k episodes.
     pub outside: Vec<BurstCounts>,
+    /// Names of the flagged bursts in episodes over time, by the categories of the episodes.
+    calls: BTreeMap<String, Calls>,
     /// Severities of the flagged bursts in episodes over time, by the quantity that they measure. A
     /// flagged burst without a size in a quantity counts there as missed.
     courses: BTreeMap<String, Course>,
@@ -79,37 +96,36 @@ impl Watch {
             key(a).cmp(&key(b))
         });
         let outside = vec![BurstCounts::default(); spells.len() + 1];
-        Watch { spells, outside, courses: BTreeMap::new(), missed: Course::default() }
+        let categories = spells.iter().filter_map(|spell| spell.episode.category.clone());
+        let calls = categories.map(|category| (category, Calls::default())).collect();
+        Watch { spells, outside, calls, courses: BTreeMap::new(), missed: Course::default() }
     }
 
     /// Counts one judged burst of a recording, for the episode that it lies in or else for the time
-    /// between episodes. `sized`: the size of its fault, if it is flagged and was sized.
-    pub fn add_burst(
-        &mut self,
-        recording: usize,
-        t_ns: i64,
-        flagged: bool,
-        sized: Option<Size<'_>>,
-    ) {
+    /// between episodes. `flagged`: what it says; `None`: it looks healthy.
+    pub fn add_burst(&mut self, recording: usize, t_ns: i64, flagged: Option<Flagged<'_>>) {
         let before = self.spells.partition_point(|s| s.episode.began_at_ns <= t_ns);
         let within = |s: &&mut Spell| {
             s.recording == recording && s.episode.ended_at_ns.is_none_or(|end| t_ns < end)
         };
         // Of the recording's episodes the one that began last: earlier ones have ended.
         let Some(spell) = self.spells[..before].iter_mut().rev().find(within) else {
-            return self.outside[before].add(t_ns, flagged);
+            return self.outside[before].add(t_ns, flagged.is_some());
         };
-        spell.counts.add(t_ns, flagged);
-        if !flagged {
-            return;
+        spell.counts.add(t_ns, flagged.is_some());
+        let Some(Flagged { category, size, distance }) = flagged else { return };
+        for (of, calls) in &mut self.calls {
+            calls.add(t_ns, category == Some(of.as_str()));
         }
 
         // A flagged burst without a size in some quantity is counted there, since `trend` corrects
         // for such bursts. A quantity beyond the limit is not followed.
-        let measured = sized.map(|of| of.quantity);
-        let others = self.courses.iter_mut().filter(|(of, _)| Some(of.as_str()) != measured);
+        let distance = distance.map(|size| Size { quantity: DISTANCE, size });
+        let sizes = [size, distance];
+        let is_measured = |of: &str| sizes.iter().flatten().any(|size| size.quantity == of);
+        let others = self.courses.iter_mut().filter(|(of, _)| !is_measured(of));
         others.for_each(|(_, course)| course.miss(t_ns));
-        if let Some(Size { quantity, size }) = sized {
+        for Size { quantity, size } in sizes.into_iter().flatten() {
             if !self.courses.contains_key(quantity) && self.courses.len() < MOST_QUANTITIES {
                 self.courses.insert(quantity.to_owned(), self.missed.clone());
             }
@@ -120,13 +136,18 @@ impl Watch {
         self.missed.miss(t_ns);
     }
 
+    /// Which flagged bursts are named by `category`; `None` if no episode is.
+    pub fn calls(&self, category: &str) -> Option<&Calls> {
+        self.calls.get(category)
+    }
+
     /// The severities over time that are measured in `quantity`; `None` if there are none.
     pub fn course(&self, quantity: &str) -> Option<&Course> {
         self.courses.get(quantity)
     }
 }
 
-/// The quantity of a fault without a name.
+/// The quantity of a fault without a name, which all flagged signals with a ring have.
 pub const DISTANCE: &str = "distance from a healthy channel, in thresholds";
 
 /// The quantity that an episode's severities measure, if its category has one quantity.

@@ -31,6 +31,8 @@ pub enum ResultFile {
     /// Tables of `inkling thesis`.
     Chapter,
     /// What a run did: `run.json`.
+    Run,
+    /// What is told of all recordings: `account.json`.
     Account,
     Journal,
     Summary,
@@ -54,11 +56,12 @@ const MOST_LINE_BYTES: u64 = 4 << 20;
 
 /// Kinds of JSON, each with keys that tell it. The first kind whose keys are all there is taken, so
 /// a kind with few keys stands after those that have the same keys and more.
-const BY_KEYS: [(ResultFile, &[&str]); 8] = [
+const BY_KEYS: [(ResultFile, &[&str]); 9] = [
     (ResultFile::Design, &["version", "sample_period_s", "pooled"]),
     (ResultFile::Critique, &["version", "verdict", "causes"]),
     (ResultFile::Chapter, &["version", "rounds", "conclusions"]),
-    (ResultFile::Account, &["version", "totals", "recordings"]),
+    (ResultFile::Run, &["version", "totals", "recordings"]),
+    (ResultFile::Account, &["version", "statements", "recordings"]),
     (ResultFile::Journal, &["version", "recording", "outcome", "by"]),
     (ResultFile::Summary, &["version", "recording", "counts", "settings"]),
     (ResultFile::Baselines, &["version", "printheads"]),
@@ -113,9 +116,8 @@ impl ResultFile {
             ResultFile::Baselines => ("file of baselines", "--baseline takes it"),
             ResultFile::Critique => ("critique", "`inkling score --truth` takes it"),
             ResultFile::Chapter => ("chapter of inkling thesis", ""),
-            ResultFile::Account => {
-                ("account of a replay", "`inkling report --changes-since` takes it")
-            }
+            ResultFile::Run => ("account of a replay", "`inkling report --changes-since` takes it"),
+            ResultFile::Account => ("account of all recordings", ""),
             ResultFile::Journal => ("journal of a replay", ""),
             ResultFile::Summary => ("summary of a recording's verdicts", ""),
             ResultFile::Page => ("page that inkling made", ""),
@@ -139,7 +141,8 @@ pub fn instead(path: &Path) -> String {
     let Ok(Some(kind)) = ResultFile::of(path) else { return String::new() };
     let (name, used) = kind.words();
     let used = if used.is_empty() { String::new() } else { format!(": {used}") };
-    let article = if kind == ResultFile::Account { "an" } else { "a" };
+    let is_account = matches!(kind, ResultFile::Run | ResultFile::Account);
+    let article = if is_account { "an" } else { "a" };
     format!(", but {article} {name}{used}")
 }
 
@@ -228,7 +231,7 @@ mod tests {
             (br#"{"version": 2, "design": null, "printheads": {}}"#, Some(Baselines)),
             (br#"{"version": 1, "verdict": "none", "causes": []}"#, Some(Critique)),
             (br#"{"version": 2, "rounds": 1, "conclusions": {}}"#, Some(Chapter)),
-            (br#"{"version": 2, "totals": {}, "by": 1, "recordings": []}"#, Some(Account)),
+            (br#"{"version": 2, "totals": {}, "by": 1, "recordings": []}"#, Some(Run)),
             (journal, Some(Journal)),
             (br#"{"version":2,"recor"#, Some(Journal)),
             (br#"{"version":3,"design":null,"printheads":{"bl"#, None),

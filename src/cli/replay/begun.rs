@@ -46,7 +46,7 @@ impl Begun {
     pub fn note(mut self, failure: &Failure) {
         let (Some(mut account), Some(out)) = (self.account.take(), self.out) else { return };
         let run = out.join(RUN_NAME);
-        let is_ours = outputs::check_file(&run, ResultFile::Account).is_ok();
+        let is_ours = outputs::check_file(&run, ResultFile::Run).is_ok();
         let has_results = stored::is_file(&out.join(JOURNAL_NAME));
         let lock = match self.lock {
             None if has_results && is_ours => RunLock::take(&out).ok(),

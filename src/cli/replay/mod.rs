@@ -204,7 +204,7 @@ fn named_recordings(
 ) -> Result<NamedRecordings, Failure> {
     let found = inputs::find_each_recording(&settings.input.recordings)?;
     outputs::check_place(out)?;
-    for (name, kind) in [(RUN_NAME, ResultFile::Account), (JOURNAL_NAME, ResultFile::Journal)] {
+    for (name, kind) in [(RUN_NAME, ResultFile::Run), (JOURNAL_NAME, ResultFile::Journal)] {
         outputs::check_file(&out.join(name), kind)?;
     }
     // the journal says where earlier results lie, and which recordings need not be opened

@@ -50,10 +50,9 @@ impl Channel {
     ) -> Episode {
         // no name if "no class" has more than half of the weight, or if none of the signals fits one;
         // the certainty then is the weight of the best class
-        let weights = &draft.classes.weights;
-        let of_no_class = draft.named > 0 && draft.classes.none > 0.5;
+        let (weights, of_no_class) = draft.weights();
         let any_fits = draft.named > draft.fits_none;
-        let likeliest = rules.naming.name(weights, 1.0).filter(|_| any_fits);
+        let likeliest = rules.naming.name(&weights, 1.0).filter(|_| any_fits);
         let best = likeliest.map(|of| (of.best, weights[of.best]));
         let named = likeliest.filter(|_| !of_no_class);
         let certainty = named.map_or(best.map(|(_, weight)| weight), |named| Some(named.certainty));

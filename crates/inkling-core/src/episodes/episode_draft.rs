@@ -24,6 +24,9 @@ pub struct EpisodeDraft {
     /// Number of these that fit no class, and that are of a class, but may as well be none.
     pub fits_none: u64,
     pub as_well: u64,
+    /// Sum of the weights of each class over the signals that have a name; together as many signals as they are
+    /// certain.
+    pub votes: Vec<f64>,
     /// What the last signal looks like that is of no class, or may as well be none.
     pub appearance: Option<Appearance>,
     /// Running mean of the faulty rings with the last healthy ring, and its number of looks.
@@ -50,7 +53,8 @@ pub struct Sizes {
 
 impl EpisodeDraft {
     pub fn new(rules: &Rules) -> EpisodeDraft {
-        EpisodeDraft { classes: ClassFilter::new(&rules.priors), ..EpisodeDraft::default() }
+        let (classes, votes) = (ClassFilter::new(&rules.priors), vec![0.0; rules.priors.len()]);
+        EpisodeDraft { classes, votes, ..EpisodeDraft::default() }
     }
 
     pub fn add(&mut self, named: &IsolatedSignal, rules: &Rules) {
@@ -82,6 +86,10 @@ impl EpisodeDraft {
         self.fits_none += u64::from(named.fits_none());
         self.as_well += u64::from(named.appearance.is_some() && !named.fits_none());
         self.classes.look(&named.weights, &rules.priors);
+        if named.reason.is_none() && named.weights.iter().all(|weight| weight.is_finite()) {
+            let all = self.votes.iter_mut().zip(&named.weights);
+            all.for_each(|(votes, weight)| *votes += f64::from(*weight));
+        }
 
         if let (Some(class), Some(size)) = (named.candidate, named.severity)
             && size.is_finite()
@@ -93,6 +101,18 @@ impl EpisodeDraft {
             known.max = known.max.max(size);
             (known.last, known.sd) = (size, named.severity_sd);
         }
+    }
+
+    /// The weights of the classes, and whether "no class" outweighs them. Present signals decide ([`ClassFilter`]),
+    /// but where they are of no class and most signals of the episode have a name, each counted by its certainty,
+    /// the episode is called what its signals are called.
+    pub fn weights(&self) -> (Vec<f64>, bool) {
+        let of_no_class = self.named > 0 && self.classes.none > 0.5;
+        let votes: f64 = self.votes.iter().sum();
+        if of_no_class && 2.0 * votes > self.named as f64 {
+            return (self.votes.iter().map(|of| of / votes).collect(), false);
+        }
+        (self.classes.weights.clone(), of_no_class)
     }
 
     /// The commonest reason why signals have no name. `fits_none`: of those that say that.
@@ -164,6 +184,25 @@ mod tests {
         let mut draft = EpisodeDraft::new(&rules);
         draft.add(&odd, &rules);
         assert_eq!(draft.rings.map(|of| of.damping_per_s), Some(9e5), "nothing else is known");
+    }
+
+    #[test]
+    fn an_episode_whose_last_signals_are_of_no_class_is_called_what_most_signals_are_called() {
+        let rules = rules();
+        let of_class =
+            IsolatedSignal { weights: vec![0.01, 0.02, 0.95], ..IsolatedSignal::default() };
+        let none =
+            IsolatedSignal { reason: Some(Reason::UnknownFault), ..IsolatedSignal::default() };
+        let after = |named: usize, without: usize| {
+            let mut draft = EpisodeDraft::new(&rules);
+            (0..named).for_each(|_| draft.add(&of_class, &rules));
+            (0..without).for_each(|_| draft.add(&none, &rules));
+            draft.weights()
+        };
+        let (weights, of_no_class) = after(115, 60);
+        assert!(!of_no_class && weights[2] > 0.95, "{weights:?}");
+        assert!(after(60, 115).1, "most are of no class");
+        assert!(!after(20, 0).1);
     }
 
     #[test]

@@ -43,6 +43,16 @@ pub struct OwnLevel {
     pub off: f64,
 }
 
+/// A channel that is another one since a pause.
+#[derive(Clone, Copy, Debug)]
+pub struct Replaced {
+    pub channel: u32,
+    /// The first look at it, ns.
+    pub since_ns: i64,
+    /// How its ring differs from before: ln amplitude, ln damping, ln frequency, phase in rad.
+    pub by: Features,
+}
+
 #[derive(Clone, Debug)]
 pub struct Head {
     pub(super) kind: Kind,
@@ -56,6 +66,9 @@ pub struct Head {
     /// Whether only another head was heard since the last pause.
     still_paused: bool,
     pub swapped_ns: Option<i64>,
+    /// Channels that one look after a pause puts down to another channel: when, and the mean of the healthy
+    /// looks before, canonical.
+    replaced: BTreeMap<u32, (i64, Features)>,
     /// Channels heard since the last pause.
     heard: BTreeSet<u32>,
     /// The variances of the channels about the level, over those that the design says, 1 or more.
@@ -124,6 +137,7 @@ impl Head {
             heard_ns: None,
             still_paused: false,
             swapped_ns: None,
+            replaced: BTreeMap::new(),
             heard: BTreeSet::new(),
             wider: Vector4::repeat(1.0),
         }
@@ -168,6 +182,7 @@ impl Head {
             if paused && self.are_others(looks, &explained) {
                 // another head: what was known of channels that this sweep did not look at goes, too
                 self.channels.clear();
+                self.replaced.clear();
                 self.swapped_ns.get_or_insert(t_ns);
             }
             self.still_paused = false;
@@ -307,6 +322,9 @@ impl Head {
             // an uncertain level makes the look's position less certain
             let of_level = uncertain.diagonal().component_div(&noise).mean();
             let looks = 1.0 / (1.0 / precision + of_level);
+            if r.replaced > 0.5 && own.looks >= process::FEW {
+                self.replaced.insert(look.channel, (t_ns, own.mean()));
+            }
             channel.learn(t_ns, FromLevel { at, looks }, *r, (&spread, &noise));
             self.heard.insert(look.channel);
         }
@@ -342,6 +360,24 @@ impl Head {
             let is_alike = all_age && (0..RUNGS).all(is_within);
             channel.watch(squares, is_alike);
         }
+    }
+
+    /// Channels that ring otherwise than before a pause, as another channel in their place would: not by the
+    /// first look alone, but where the mean of the looks since lies beyond what a channel moves by from day to
+    /// day ([`DRIFTED`]).
+    pub fn replaced(&self) -> impl Iterator<Item = Replaced> {
+        let of_looks = self.noise() * process::BETWEEN.powi(2);
+        self.replaced.iter().filter_map(move |(&channel, &(since_ns, before))| {
+            let now = self.channels.get(&channel)?.healthy();
+            let variance = of_looks * 2.0 + self.noise() / now.looks.max(f64::MIN_POSITIVE);
+            let by = now.mean() - before;
+            let is_other = by.component_div(&variance.map(f64::sqrt)).norm_squared() > DRIFTED;
+            (is_other && now.looks >= process::FEW).then(|| Replaced {
+                channel,
+                since_ns,
+                by: self.kind.from * by,
+            })
+        })
     }
 
     fn update(&mut self, of: &Explained) {

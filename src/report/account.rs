@@ -1,0 +1,237 @@
+//! The account of all recordings: everything that is told of them, as one document, `account.json`
+//! (`schemas/account.md`). Page, terminal and mail put the same [`Report`] into words.
+//!
+//! In: a [`Report`]. Out: JSON. Each statement says as of when it holds, on how many signals it rests, and in
+//! which rows these stand.
+
+use super::coverage::Gap;
+use super::fault::{Fault, instead_in_words, is_named_now};
+use super::head_changes::HeadChange;
+use super::source::LostRecording;
+use super::watch::Spell;
+use super::{RecordingLine, Report, certain_trend, hours_to_visible};
+use crate::pipeline::rfc3339;
+use serde::Serialize;
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+/// Version of the document.
+pub const VERSION: u32 = 1;
+
+/// The document.
+#[derive(Debug, Serialize)]
+pub struct Account<'a> {
+    version: u32,
+    inkling: &'static str,
+    /// Of the latest signal; `None`: there is none.
+    as_of: Option<String>,
+    /// Whether everything in the recordings was judged, and no recording is damaged or incomplete.
+    complete: bool,
+    signals: Signals,
+    recordings: Vec<Recording<'a>>,
+    /// What is told, in the order in which it is told.
+    statements: Vec<Statement<'a>>,
+}
+
+#[derive(Debug, Serialize)]
+struct Signals {
+    judged: u64,
+    not_judged: u64,
+}
+
+#[derive(Debug, Serialize)]
+struct Recording<'a> {
+    recording: &'a str,
+    from: Option<String>,
+    to: Option<String>,
+    judged: u64,
+    not_judged: u64,
+    /// What is wrong with its data; empty: nothing.
+    flaws: &'a str,
+}
+
+/// What a statement is about.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+enum Kind {
+    /// Something of which nothing, or too little, was judged.
+    NotJudged,
+    /// A recording without verdicts.
+    Lost,
+    /// What happened to a printhead, or to what one of its channels is.
+    HeadChange,
+    /// What the reader should know before anything is cleaned.
+    Note,
+    /// A fault that is to be seen to.
+    Fault,
+    /// A fault that is over, or that another one of the channel followed.
+    PastFault,
+}
+
+#[derive(Debug, Serialize)]
+struct Statement<'a> {
+    kind: Kind,
+    sentence: &'a str,
+    /// Of what time it is known.
+    as_of: Option<String>,
+    /// Number of signals that it rests on.
+    signals: Option<u64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    printhead: Option<&'a str>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    channel: Option<u32>,
+    /// Where the signals stand that it rests on.
+    rows: Rows<'a>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    fault: Option<FaultNow<'a>>,
+}
+
+/// Rows of the verdict tables: those of the statement's printhead and channel in these recordings, from and to
+/// these times.
+#[derive(Debug, Default, Serialize)]
+struct Rows<'a> {
+    recordings: Vec<&'a str>,
+    from: Option<String>,
+    to: Option<String>,
+}
+
+/// What is known of a fault. The sizes are in the unit of its class (`schemas/verdicts.md`).
+#[derive(Debug, Serialize)]
+struct FaultNow<'a> {
+    category: Option<&'a str>,
+    fault: Option<&'a str>,
+    /// Whether present signals carry that name.
+    is_named_now: bool,
+    certainty: Option<f64>,
+    severity: Option<f64>,
+    severity_sd: Option<f64>,
+    severity_per_day: Option<f64>,
+    /// The size that it had at `as_of`, where present signals carry no name.
+    last_known_severity: Option<f64>,
+    /// What is known instead of a name, in words.
+    instead: Option<String>,
+    /// Distance from healthy, in distances of the threshold.
+    distance: Option<f64>,
+    distance_per_day: Option<f64>,
+    hours_to_visible: Option<f64>,
+    began_at: String,
+    ended_at: Option<String>,
+    urgency: f64,
+    action: &'a str,
+}
+
+impl Report {
+    pub fn account(&self) -> Account<'_> {
+        let names: BTreeMap<usize, &RecordingLine> =
+            self.recordings.iter().map(|line| (line.source, line)).collect();
+        let gaps = self.coverage.gaps.iter().map(|gap| of_gap(gap, &names));
+        let lost = self.coverage.lost.iter().map(of_lost);
+        let heads = self.head_changes.iter().map(of_head);
+        let notes = self.notes.iter().map(|note| Statement::new(Kind::Note, note));
+        let faults = self.faults.iter().map(|fault| of_fault(fault, &names));
+        let statements = gaps.chain(lost).chain(heads).chain(notes).chain(faults).collect();
+        let to_ns = self.recordings.iter().filter_map(|line| line.span).map(|span| span.1).max();
+        Account {
+            version: VERSION,
+            inkling: env!("CARGO_PKG_VERSION"),
+            as_of: to_ns.map(rfc3339),
+            complete: self.coverage.is_complete(),
+            signals: Signals { judged: self.coverage.judged, not_judged: self.coverage.not_judged },
+            recordings: self.recordings.iter().map(Recording::of).collect(),
+            statements,
+        }
+    }
+}
+
+impl<'a> Recording<'a> {
+    fn of(line: &'a RecordingLine) -> Recording<'a> {
+        Recording {
+            recording: &line.name,
+            from: line.span.map(|span| rfc3339(span.0)),
+            to: line.span.map(|span| rfc3339(span.1)),
+            judged: line.judged,
+            not_judged: line.rejected(),
+            flaws: &line.flaws,
+        }
+    }
+}
+
+impl<'a> Statement<'a> {
+    fn new(kind: Kind, sentence: &'a str) -> Statement<'a> {
+        let rows = Rows::default();
+        let (as_of, signals, printhead, channel, fault) = (None, None, None, None, None);
+        Statement { kind, sentence, as_of, signals, printhead, channel, rows, fault }
+    }
+}
+
+fn of_gap<'a>(gap: &'a Gap, lines: &BTreeMap<usize, &'a RecordingLine>) -> Statement<'a> {
+    let line = lines.get(&gap.source());
+    let span = line.and_then(|line| line.span);
+    let head = gap.printhead.as_deref();
+    let of_head = line.zip(gap.printhead.as_ref()).and_then(|(line, of)| line.heads.get(of));
+    Statement {
+        as_of: span.map(|span| rfc3339(span.1)),
+        signals: of_head.map(|of| of.tally.signals()),
+        printhead: head,
+        rows: Rows {
+            recordings: vec![&gap.recording],
+            from: span.map(|span| rfc3339(span.0)),
+            to: span.map(|span| rfc3339(span.1)),
+        },
+        ..Statement::new(Kind::NotJudged, &gap.what)
+    }
+}
+
+fn of_lost(lost: &LostRecording) -> Statement<'_> {
+    let rows = Rows { recordings: vec![&lost.name], ..Rows::default() };
+    Statement { rows, signals: Some(0), ..Statement::new(Kind::Lost, &lost.why) }
+}
+
+fn of_head(of: &HeadChange) -> Statement<'_> {
+    Statement {
+        as_of: of.as_of_ns.map(rfc3339),
+        printhead: Some(&of.printhead),
+        rows: Rows { recordings: vec![&of.recording], ..Rows::default() },
+        ..Statement::new(Kind::HeadChange, &of.what)
+    }
+}
+
+fn of_fault<'a>(of: &'a Fault, lines: &BTreeMap<usize, &'a RecordingLine>) -> Statement<'a> {
+    let story = &of.story;
+    let trend = certain_trend(story).map(|trend| trend.per_day);
+    let is_sized = story.severity_last.is_some();
+    let mut recordings: Vec<&str> = story
+        .spells
+        .iter()
+        .filter_map(|Spell { recording, .. }| Some(lines.get(recording)?.name.as_str()))
+        .collect();
+    recordings.dedup();
+    let last_ns = story.spells.iter().filter_map(|spell| spell.counts.last_flagged_ns).max();
+    let printhead: &Arc<str> = &story.printhead;
+    Statement {
+        as_of: Some(rfc3339(story.known_at_ns)),
+        signals: Some(story.spells.iter().map(|spell| spell.counts.flagged).sum()),
+        printhead: Some(printhead),
+        channel: Some(story.channel),
+        rows: Rows { recordings, from: Some(rfc3339(story.began_at_ns)), to: last_ns.map(rfc3339) },
+        fault: Some(FaultNow {
+            category: story.category.as_deref(),
+            fault: story.fault.as_deref(),
+            is_named_now: is_named_now(story),
+            certainty: story.certainty,
+            severity: story.severity_last,
+            severity_sd: story.severity_sd,
+            severity_per_day: trend.filter(|_| is_sized),
+            last_known_severity: story.lost.and_then(|of| of.severity),
+            instead: instead_in_words(story),
+            distance: story.distance,
+            distance_per_day: trend.filter(|_| !is_named_now(story)),
+            hours_to_visible: hours_to_visible(story).map(|(hours, _)| hours),
+            began_at: rfc3339(story.began_at_ns),
+            ended_at: story.ended_at_ns.map(rfc3339),
+            urgency: of.urgency,
+            action: &of.action,
+        }),
+        ..Statement::new(if of.is_open() { Kind::Fault } else { Kind::PastFault }, &of.sentence)
+    }
+}

@@ -1,0 +1,48 @@
+//! What happened to whole printheads, or to what their channels are: all channels warmer or colder together,
+//! another printhead of the name, a replaced channel. It stands before the faults, since it explains them.
+//!
+//! In: the warnings about printheads in the recordings' summaries. Out: [`HeadChange`]s, the newest first.
+
+use super::RecordingLine;
+use super::night::last_night;
+use super::source::Source;
+use std::cmp::Reverse;
+use std::sync::Arc;
+
+/// A sentence about a printhead in a recording.
+#[derive(Clone, Debug, PartialEq)]
+pub struct HeadChange {
+    pub printhead: Arc<str>,
+    pub what: String,
+    /// Name of the recording that shows it, its index among the sources, and when it ended, ns.
+    pub recording: String,
+    pub source: usize,
+    pub as_of_ns: Option<i64>,
+    /// Whether the recording is of the last night.
+    pub is_of_last_night: bool,
+}
+
+/// The changes in all recordings. `lines`: of the recordings, in the order of time.
+pub fn of(lines: &[RecordingLine], sources: &[Source]) -> Vec<HeadChange> {
+    let spans: Vec<_> = lines.iter().filter_map(|line| line.span).collect();
+    let to_ns = spans.iter().map(|span| span.1).max().unwrap_or_default();
+    let from_ns = last_night(&spans, to_ns);
+    let of_line = |line: &RecordingLine| {
+        let warnings = sources[line.source].document["warnings"].as_array();
+        let told = warnings.cloned().unwrap_or_default().into_iter();
+        let change = |told: serde_json::Value| {
+            Some(HeadChange {
+                printhead: told["printhead"].as_str()?.into(),
+                what: told["what"].as_str()?.to_owned(),
+                recording: line.name.clone(),
+                source: line.source,
+                as_of_ns: line.span.map(|span| span.1),
+                is_of_last_night: line.span.is_some_and(|span| span.0 >= from_ns),
+            })
+        };
+        told.filter_map(change).collect::<Vec<_>>()
+    };
+    let mut all: Vec<HeadChange> = lines.iter().flat_map(of_line).collect();
+    all.sort_by_key(|of| Reverse(of.as_of_ns));
+    all
+}
