@@ -1,10 +1,12 @@
 //! Counts the bursts of a recording by printhead and sampling, for `inkling inspect`. In: the
 //! acquisitions of a recording one by one, usable or not ([`Contents::see`]). Out: text or JSON,
-//! with what is unusable and what is damaged.
+//! with what is unusable, what is damaged, and what is odd about the times.
 
 use super::exit::Exit;
 use super::progress::thousands;
 use super::report::printable;
+use crate::pipeline::groups::GroupKey;
+use crate::pipeline::head_clock::{FileOrder, HeadClock};
 use chrono::{DateTime, SecondsFormat};
 use inkling_core::burst::Acquisition;
 use inkling_io::damage::Damage;
@@ -37,9 +39,11 @@ struct BurstGroup {
 type Key = (String, u32, u64);
 
 /// What a recording holds.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub struct Contents {
     groups: BTreeMap<Key, BurstGroup>,
+    order: FileOrder,
+    clocks: BTreeMap<Key, HeadClock>,
     /// Bursts of groups beyond [`MOST_GROUPS`].
     beyond: u64,
     /// Number of bursts, unusable ones included.
@@ -56,6 +60,25 @@ pub struct Contents {
 const MOST_GROUPS: usize = 1000;
 
 impl Contents {
+    pub fn new(recording: &Recording) -> Contents {
+        Contents {
+            groups: BTreeMap::new(),
+            order: FileOrder::of(recording),
+            clocks: BTreeMap::new(),
+            beyond: 0,
+            bursts: 0,
+            unusable: BTreeMap::new(),
+            undecodable: String::new(),
+            damage: recording.damage.clone(),
+        }
+    }
+
+    /// What is odd about the times of each printhead's bursts, in words.
+    fn odd_times(&self) -> Vec<String> {
+        let told = self.clocks.values().cloned().filter_map(HeadClock::told);
+        told.map(|of| of.what).collect()
+    }
+
     /// Counts a burst.
     pub fn see(&mut self, acquisition: &Acquisition) {
         self.bursts += 1;
@@ -106,6 +129,9 @@ impl Contents {
         if self.beyond > 0 {
             writeln!(out, "  and {} bursts of further printheads", thousands(self.beyond))?;
         }
+        for told in self.odd_times() {
+            writeln!(out, "  clock    {told}")?;
+        }
         for (why, n) in &self.unusable {
             writeln!(out, "  unusable {} {why}", thousands(*n))?;
         }
@@ -132,6 +158,7 @@ impl Contents {
             "expected": recording.expected,
             "groups": groups.collect::<Vec<_>>(),
             "bursts_of_further_printheads": self.beyond,
+            "odd_times": self.odd_times(),
             "unusable": self.unusable,
             "first_undecodable": Some(&self.undecodable).filter(|what| !what.is_empty()),
             "damage": self.damage,
@@ -147,6 +174,9 @@ impl Contents {
             self.beyond += 1;
             return;
         }
+        let clock = self.clocks.entry(key.clone());
+        let new = || HeadClock::new(GroupKey::of(burst), self.order);
+        clock.or_insert_with(new).hear(burst.t_acq_ns);
         let group = self.groups.entry(key).or_insert_with(|| BurstGroup {
             first_channel: u32::MAX,
             first_ns: i64::MAX,

@@ -130,8 +130,7 @@ fn one(
     as_json: bool,
 ) -> Result<(Exit, Vec<Proposal>), Failure> {
     // one pass counts bursts, and beside them the messages of every topic (`counting`)
-    let mut contents = Contents::default();
-    contents.damage.clone_from(&recording.damage);
+    let mut contents = Contents::new(recording);
     let mut reader = recording.reader().counting();
     let damage = progress.during(&recording.name, recording.bytes, control, || {
         let see = |_, acquisition: &Acquisition| contents.see(acquisition);

@@ -85,11 +85,19 @@ impl Stretch {
     }
 }
 
-/// A clock that was set: the latest time before, and the first after, ns.
+/// A clock that was set: the latest time before, the time that the next moment would have had, and the one that
+/// it has, ns.
 #[derive(Clone, Copy, Debug)]
 struct Step {
     before_ns: i64,
+    expected_ns: i64,
     after_ns: i64,
+}
+
+impl Step {
+    fn by_ns(&self) -> u64 {
+        self.after_ns.abs_diff(self.expected_ns)
+    }
 }
 
 #[derive(Clone, Debug)]
@@ -190,9 +198,14 @@ impl HeadClock {
             return;
         }
         self.steps += 1;
-        let step = Step { before_ns: before.latest_ns, after_ns: aside.first_ns };
-        let size = |of: &Step| of.after_ns.abs_diff(of.before_ns);
-        if self.largest.is_none_or(|largest| size(&step) > size(&largest)) {
+        let apart =
+            before.latest_ns.saturating_sub(before.first_ns) / i64::from(before.moments - 1);
+        let step = Step {
+            before_ns: before.latest_ns,
+            expected_ns: before.latest_ns.saturating_add(apart),
+            after_ns: aside.first_ns,
+        };
+        if self.largest.is_none_or(|largest| step.by_ns() > largest.by_ns()) {
             self.largest = Some(step);
         }
     }
@@ -207,9 +220,10 @@ impl HeadClock {
     /// What was odd about the times, with numbers, as sentences without a full stop; `None`: nothing was.
     fn in_words(&self) -> Option<String> {
         let name = inkling_io::printable::line(&self.key.printhead, 64);
-        let step = self.largest.map(|Step { before_ns, after_ns }| {
-            let way = if after_ns < before_ns { "back" } else { "forward" };
-            let by = duration(after_ns.abs_diff(before_ns));
+        let step = self.largest.map(|step| {
+            let Step { before_ns, expected_ns, after_ns } = step;
+            let way = if after_ns < expected_ns { "back" } else { "forward" };
+            let by = duration(step.by_ns());
             let times = match self.steps {
                 1 => String::new(),
                 n => format!("; it was set {n} times, this was the largest step"),

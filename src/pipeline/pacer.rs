@@ -4,12 +4,13 @@
 //! In: batches in the file's order, from the reader stage, which has one worker then ([`Pacer::wait_for`]).
 //! Out: the reader is held until the batch is due; at the end, how far it was ever behind. At the recorded
 //! speed a batch is due as long after the first burst as its latest burst was acquired after the earliest burst
-//! of the first batch; at S signals per second, when n / S seconds have passed, n signals being before it.
+//! of the first batch, less any time by which bursts are dated apart ([`JUMP_NS`]); at S signals per second, when n / S seconds have passed, n signals being before it.
 //!
 //! A batch is one burst while the reader keeps the pace, and more while it is late, since larger batches cost
 //! less.
 
 use super::batches::{MOST_ROWS, usable};
+use super::numbers::JUMP_NS;
 use super::{Control, Result};
 use crate::settings::Pace;
 use inkling_core::burst::SignalBatch;
@@ -27,8 +28,10 @@ pub struct PaceReport {
 pub struct Pacer {
     pace: Pace,
     started: Option<Instant>,
-    /// The earliest t_a of the first batch, ns.
-    first_ns: Option<i64>,
+    /// The latest t_a of the batch before, ns; in the first batch, the earliest.
+    before_ns: Option<i64>,
+    /// Recorded time that has passed since the first burst, ns.
+    passed_ns: i64,
     /// Number of signals so far.
     signals: u64,
     /// Least number of rows of the next piece of a block: 1, which one burst has; more while the reader is late.
@@ -51,8 +54,11 @@ impl Pacer {
         }
         let times = batch.acquisitions.iter().filter_map(usable).map(|burst| burst.t_acq_ns);
         let (first, last) = (times.clone().min()?, times.max()?);
-        let origin = *self.first_ns.get_or_insert(first);
-        Some(Duration::from_nanos(last.saturating_sub(origin).max(0) as u64))
+        let passed = last.saturating_sub(self.before_ns.replace(last).unwrap_or(first));
+        if passed.saturating_abs() <= JUMP_NS {
+            self.passed_ns = self.passed_ns.saturating_add(passed);
+        }
+        Some(Duration::from_nanos(self.passed_ns.max(0) as u64))
     }
 
     pub fn wait_for(&mut self, batch: &SignalBatch, control: &Control) -> Result<()> {
@@ -98,6 +104,12 @@ mod tests {
         // a burst that stands in the file after a later one is due at once
         assert_eq!(due(Pace::Recorded), [0, 250, 100, 4000]);
         assert_eq!(due(Pace::Signals(100.0)), [0, 500, 1000, 1500]);
+
+        // nobody waits for the year 2100, nor for the way back
+        let mut pacer = Pacer::new(Pace::Recorded);
+        let strays = [5_000_000_000, 4_102_444_800_000_000_000, 6_000_000_000, 7_000_000_000];
+        let due = strays.map(|t| pacer.due(&batch(t, 50)).unwrap().as_millis());
+        assert_eq!(due, [0, 0, 0, 1000]);
     }
 
     #[test]

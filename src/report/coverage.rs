@@ -201,7 +201,7 @@ fn gaps(survey: &Survey, sources: &[Source]) -> Vec<Gap> {
 /// What was not judged of one recording: as its summary says, or else from the counts of its signals.
 fn of_recording(survey: &Survey, recording: usize, source: &Source) -> BTreeMap<Subject, String> {
     let mut gaps = BTreeMap::new();
-    let told = ["not_judged", "unread", "odd_times"].map(|key| source.document[key].as_array());
+    let told = ["not_judged", "unread"].map(|key| source.document[key].as_array());
     for told in told.into_iter().flatten().flatten() {
         let text = |key: &str| told[key].as_str();
         let of = (text("printhead").map(Arc::from), text("topic").map(str::to_owned));

@@ -1,7 +1,8 @@
 //! What happened to whole printheads, or to what their channels are: all channels warmer or colder together,
-//! another printhead of the name, a replaced channel. It stands before the faults, since it explains them.
+//! another printhead of the name, a replaced channel, a clock that was set. It stands before the faults, since it
+//! explains them.
 //!
-//! In: the warnings about printheads in the recordings' summaries. Out: [`HeadChange`]s, the newest first.
+//! In: the warnings about printheads and their times in the recordings' summaries. Out: [`HeadChange`]s, the newest first.
 
 use super::RecordingLine;
 use super::night::last_night;
@@ -28,9 +29,9 @@ pub fn of(lines: &[RecordingLine], sources: &[Source]) -> Vec<HeadChange> {
     let to_ns = spans.iter().map(|span| span.1).max().unwrap_or_default();
     let from_ns = last_night(&spans, to_ns);
     let of_line = |line: &RecordingLine| {
-        let warnings = sources[line.source].document["warnings"].as_array();
-        let told = warnings.cloned().unwrap_or_default().into_iter();
-        let change = |told: serde_json::Value| {
+        let document = &sources[line.source].document;
+        let told = ["odd_times", "warnings"].map(|key| document[key].as_array());
+        let change = |told: &serde_json::Value| {
             Some(HeadChange {
                 printhead: told["printhead"].as_str()?.into(),
                 what: told["what"].as_str()?.to_owned(),
@@ -40,7 +41,7 @@ pub fn of(lines: &[RecordingLine], sources: &[Source]) -> Vec<HeadChange> {
                 is_of_last_night: line.span.is_some_and(|span| span.0 >= from_ns),
             })
         };
-        told.filter_map(change).collect::<Vec<_>>()
+        told.into_iter().flatten().flatten().filter_map(change).collect::<Vec<_>>()
     };
     let mut all: Vec<HeadChange> = lines.iter().flat_map(of_line).collect();
     all.sort_by_key(|of| Reverse(of.as_of_ns));

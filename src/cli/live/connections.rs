@@ -22,15 +22,16 @@ const REQUEST_TIME: Duration = Duration::from_secs(5);
 const PAUSE: Duration = Duration::from_millis(100);
 
 /// Starts to serve, on threads of its own, until the process ends. `recording`: path of the
-/// recording that is followed.
+/// recording that is followed; `classes`: of the verdicts.
 pub fn start(
     port: BoundPort,
     recording: &str,
+    classes: Vec<String>,
     control: &Arc<Control>,
 ) -> Result<Arc<Live>, Failure> {
     let path = PathBuf::from(recording);
     let recording = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-    let (state, control, pages) = (State::default(), control.clone(), Seat::default());
+    let (state, control, pages) = (State::new(classes), control.clone(), Seat::default());
     let live = Arc::new(Live { state, port, recording, path, control, pages });
     let serving = live.clone();
     thread::Builder::new()

@@ -9,7 +9,7 @@
 
 use super::super::output::episode_event;
 use crate::pipeline::{EpisodeEvent, is_same, rfc3339};
-use inkling_core::episodes::Episode;
+use inkling_core::episodes::{Episode, size_in_words};
 use inkling_core::verdict::{Outcome, Part, Reason, Verdicts};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
@@ -40,8 +40,12 @@ pub struct State {
 struct RecordingStatus {
     /// One letter per channel, by printhead.
     heads: BTreeMap<Arc<str>, Vec<u8>>,
-    /// The episodes that are on, by printhead and channel.
+    /// The names of the classes, to which the indices in verdicts refer.
+    classes: Vec<String>,
+    /// The episodes that are on, by printhead and channel, with the size and the ring of their latest signal.
     faults: BTreeMap<(Arc<str>, u32), Episode>,
+    /// t_a of the latest signal that carries the name of the fault, ns.
+    named_ns: BTreeMap<(Arc<str>, u32), i64>,
     /// Number of signals, judged or rejected, and of the rejected ones by reason.
     signals: u64,
     rejected: BTreeMap<&'static str, u64>,
@@ -54,6 +58,12 @@ struct RecordingStatus {
 }
 
 impl State {
+    /// `classes`: their names, in the order of the verdicts' indices.
+    pub fn new(classes: Vec<String>) -> State {
+        let status = RecordingStatus { classes, ..RecordingStatus::default() };
+        State { status: Mutex::new(status), ..State::default() }
+    }
+
     /// The status, locked.
     fn status(&self) -> MutexGuard<'_, RecordingStatus> {
         self.status.lock().unwrap_or_else(PoisonError::into_inner)
@@ -89,6 +99,7 @@ impl State {
                 status.faults.insert(key(on), on.clone());
             } else if status.faults.get(&key(before)).is_some_and(|on| is_same(on, before)) {
                 status.faults.remove(&key(before));
+                status.named_ns.remove(&key(before));
             }
         });
     }
@@ -208,6 +219,26 @@ impl RecordingStatus {
         let name = &c.printheads[c.printhead[row] as usize];
         self.mark(name, channel..channel + 1, mark);
         self.newest_ns = self.newest_ns.max(Some(c.acquired_at_ns[row]));
+        let key = (name.clone(), c.channel[row]);
+        if mark == FLAGGED && self.faults.contains_key(&key) {
+            self.size_now(key, of, row);
+        }
+    }
+
+    /// Takes size and ring of a fault that is on from its latest signal. A signal that does not carry the
+    /// fault's name leaves no size.
+    fn size_now(&mut self, key: (Arc<str>, u32), of: &Verdicts, row: usize) {
+        let c = &of.rows;
+        let class = c.candidate[row].and_then(|class| self.classes.get(usize::from(class)));
+        let Some(fault) = self.faults.get_mut(&key) else { return };
+        let is_named = c.outcome[row] == Outcome::Faulty && class == fault.fault.as_ref();
+        fault.severity_last = c.severity[row].filter(|_| is_named).map(f64::from);
+        fault.severity_sd = c.severity_sd[row].filter(|_| is_named).map(f64::from);
+        fault.resonance_hz = c.resonance_hz[row].map(f64::from).or(fault.resonance_hz);
+        fault.damping_per_s = c.damping_per_s[row].map(f64::from).or(fault.damping_per_s);
+        if is_named {
+            self.named_ns.insert(key, c.acquired_at_ns[row]);
+        }
     }
 
     /// Sets the letters of channels in a printhead's map; what is beyond the limits is not drawn.
@@ -227,8 +258,18 @@ impl RecordingStatus {
 
     /// The open faults as events of episodes that are raised.
     fn faults_as_json(&self, recording: &str) -> Vec<Value> {
-        let fault = |episode: &Episode| episode_event(recording, EpisodeEvent::Raised(episode));
-        self.faults.values().map(fault).collect()
+        let fault = |(key, episode): (&(Arc<str>, u32), &Episode)| {
+            let mut event = episode_event(recording, EpisodeEvent::Raised(episode));
+            let named_ns = self.named_ns.get(key);
+            event["as_of"] = json!(named_ns.copied().map(rfc3339));
+            let size = episode
+                .fault
+                .as_deref()
+                .map(|class| size_in_words(class, episode.severity_last, episode.severity_sd));
+            event["size_now"] = json!(size.map(|of| of.trim_start_matches(", ").to_owned()));
+            event
+        };
+        self.faults.iter().map(fault).collect()
     }
 }
 

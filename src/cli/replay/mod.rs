@@ -142,7 +142,8 @@ fn checked_and_judged(
 
     // 5. the judge, and the live view; then the batch judges everything
     let followed = &replay.settings.input.recordings[0]; // there is one, as `settings` checked
-    let live = serve.map(|port| live::start(port, followed, &control)).transpose()?;
+    let classes = replay.classes();
+    let live = serve.map(|port| live::start(port, followed, classes, &control)).transpose()?;
     live.iter()
         .try_for_each(|live| follow::tell_address(live.port.address, args.json, &progress))?;
     let mut following = FollowJudge { json: args.json, live };
