@@ -70,6 +70,9 @@ impl Worker {
         let mut baselines = loaded.job.replay.baselines.clone();
         let mut said = Vec::new();
         for (at, item) in &task.chain {
+            if let Some((known, at_ns)) = baselines.as_mut().zip(item.source.starts_at_ns) {
+                known.begin_anew(&loaded.job.replay.replaced, at_ns);
+            }
             let row = match run.row(*at).map_err(|e| self.words(run, e))? {
                 Some(row) => self.name(run, item, row)?,
                 None => self.attempt(run, *at, item, &loaded, &baselines)?,

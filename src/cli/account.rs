@@ -9,6 +9,7 @@ use super::exit::Exit;
 use super::notes::{Note, Notes};
 use super::progress::{counted, first_few, thousands};
 use super::report::printable_path;
+use crate::report::Acknowledged;
 use inkling_io::job::Job;
 use inkling_io::journal::{self, Entry, Means, Outcome};
 use inkling_io::{part_file, printable};
@@ -47,6 +48,8 @@ pub struct Row {
     pub digest: Option<String>,
     /// Number of signals found in the recording, judged or rejected; 0 if it has no verdicts.
     pub signals: u64,
+    /// Whether somebody has acknowledged that it is damaged: then whatever is wrong with it is no news.
+    pub acknowledged: bool,
 }
 
 impl Row {
@@ -68,6 +71,7 @@ impl Row {
             judged_at: is_judged.then(|| entry.at.clone()),
             digest: entry.recording.digest.clone().filter(|_| is_judged),
             signals: entry.counts["signals"].as_u64().unwrap_or_default(),
+            acknowledged: false,
         }
     }
 }
@@ -123,6 +127,8 @@ pub struct Account {
     pub rows: Vec<Row>,
     /// Files beside the recordings that look like such and are not read.
     pub unread: Vec<UnreadFile>,
+    /// What is acknowledged beside the results.
+    pub acknowledged: Acknowledged,
     /// Warnings and notes about recordings, counted by kind.
     pub warnings: Notes,
     pub notes: Notes,
@@ -185,6 +191,7 @@ impl Account {
             started: Instant::now(),
             rows: Vec::new(),
             unread: Vec::new(),
+            acknowledged: Acknowledged::default(),
             warnings: Notes::default(),
             notes: Notes::default(),
             annotated: 0,
@@ -230,13 +237,21 @@ impl Account {
         }
     }
 
-    /// Whether a row counts for the exit status: not where an earlier run told it, but with `--strict`.
-    pub fn is_news(&self, row: &Row) -> bool {
-        self.strict || !row.skipped
+    /// Adds the row of a recording.
+    pub fn enter(&mut self, job: &Job, entry: &Entry) -> Row {
+        let acknowledged = self.acknowledged.knows_recording(&job.source.path).is_some();
+        let row = Row { acknowledged, ..Row::of(job, entry) };
+        self.rows.push(row.clone());
+        row
     }
 
-    /// The rows that count for the exit status: those of recordings that were not skipped, or all with
-    /// `--strict`.
+    /// Whether a row counts for the exit status: not where an earlier run told it, but with `--strict`; and never
+    /// where somebody has acknowledged it.
+    pub fn is_news(&self, row: &Row) -> bool {
+        (self.strict || !row.skipped) && !row.acknowledged
+    }
+
+    /// The rows that count for the exit status.
     fn news(&self) -> impl Iterator<Item = &Row> {
         self.rows.iter().filter(|row| self.is_news(row))
     }

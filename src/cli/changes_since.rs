@@ -161,7 +161,9 @@ impl<'a> ChangesSince<'a> {
         let gaps = gaps.map(|gap| Unjudged::new(&gap.recording, &gap.what));
 
         // last, recordings without verdicts, but for those of which the earlier run has told that
-        let lost = report.coverage.lost.iter().filter(|lost| !earlier.reported_lost(&lost.name));
+        // and those that are known
+        let lost = report.coverage.lost.iter().filter(|lost| !lost.known);
+        let lost = lost.filter(|lost| !earlier.reported_lost(&lost.name));
         let lost = lost.map(|lost| Unjudged::new(&lost.name, &lost.why));
         let unjudged = silent.chain(gaps).chain(lost).collect();
         let heads = report.head_changes.iter().filter(|of| !has_results(&of.recording)).collect();
@@ -264,6 +266,7 @@ pub fn as_json(fault: &Fault) -> serde_json::Value {
         "certainty": story.certainty,
         "urgency": fault.urgency,
         "action": fault.action,
+        "acknowledged": story.known,
         "sentence": fault.sentence,
         "known_at": rfc3339(story.known_at_ns),
     })

@@ -9,7 +9,8 @@
 //! journals' entries ([`entries`]).
 
 use super::account::{MOST_RUN_BYTES, RUN_NAME};
-use crate::report::LostRecording;
+use super::acknowledge;
+use crate::report::{Acknowledged, LostRecording};
 use inkling_io::inputs::Input;
 use inkling_io::journal::{Entry, JOURNAL_NAME, Journal, Outcome};
 use inkling_io::regular_file::{self, if_there};
@@ -21,15 +22,24 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 /// The lost recordings of the directories in which `tables` lie. `unread`: sentences about tables that could
-/// not be read.
-pub fn of(tables: &[Input], unread: &[String]) -> Vec<LostRecording> {
+/// not be read; `acknowledged`: what is no news.
+pub fn of(
+    tables: &[Input],
+    unread: &[String],
+    acknowledged: &Acknowledged,
+) -> Vec<LostRecording> {
     // the directories that the user named, and the directories of results at or above them
     let named: BTreeSet<PathBuf> = tables.iter().filter_map(named).collect();
     let out: BTreeSet<PathBuf> = named.iter().filter_map(|dir| results_above(dir)).collect();
 
     // failed recordings count if their results would lie where the user looks
     let is_named = |place: &Path| named.iter().any(|dir| place.starts_with(dir));
-    let mut lost: Vec<LostRecording> = out.iter().flat_map(|out| failed(out, is_named)).collect();
+    let failed = out.iter().flat_map(|out| failed(out, is_named));
+    let mut lost: Vec<LostRecording> = failed
+        .map(|(path, lost)| {
+            LostRecording { known: acknowledged.knows_recording(&path).is_some(), ..lost }
+        })
+        .collect();
 
     // Where the others' results would lie is not known here, so they count only if the user named
     // the whole directory of results.
@@ -39,10 +49,19 @@ pub fn of(tables: &[Input], unread: &[String]) -> Vec<LostRecording> {
     lost.sort_by(|a, b| a.name.cmp(&b.name));
     let unread = unread.iter().map(|words| {
         let (name, why) = words.split_once(": ").unwrap_or(("a table", words));
-        LostRecording { name: name.to_owned(), why: why.to_owned() }
+        LostRecording::new(name, why)
     });
     lost.extend(unread);
     lost
+}
+
+/// What is acknowledged in the directories that the user named, and in the directories of results.
+pub fn acknowledged(tables: &[Input]) -> Acknowledged {
+    let named: BTreeSet<PathBuf> = tables.iter().filter_map(named).collect();
+    let out = named.iter().filter_map(|dir| results_above(dir)).collect::<BTreeSet<PathBuf>>();
+    let mut all = Acknowledged::default();
+    out.union(&named).for_each(|dir| all.absorb(acknowledge::read(dir)));
+    all
 }
 
 /// The name of a recording in a report: the path of its table relative to what the user named, without the
@@ -94,23 +113,19 @@ fn not_reached(out: &Path) -> Vec<LostRecording> {
     let rows = |key: &str| account[key].as_array().cloned().unwrap_or_default().into_iter();
     let not_read = rows("unread").filter_map(|row| {
         let text = |key: &str| row[key].as_str().map(str::to_owned);
-        Some(LostRecording { name: text("recording")?, why: text("why")? })
+        Some(LostRecording::new(text("recording")?, text("why")?))
     });
     let rows = rows("recordings").filter(|row| row["outcome"] == json!(Outcome::NotReached));
     let lost = rows.filter_map(|row| {
         let why = row["why"].as_str().unwrap_or("the run ended before it");
-        let name = row["recording"].as_str()?.to_owned();
-        Some(LostRecording { name, why: format!("not reached: {why}") })
+        Some(LostRecording::new(row["recording"].as_str()?, format!("not reached: {why}")))
     });
     lost.chain(not_read).collect()
 }
 
 /// In the place of the recordings of which a file would have told.
 fn unread(file: &str, e: &std::io::Error) -> LostRecording {
-    LostRecording {
-        name: file.into(),
-        why: format!("cannot be read ({e}): what else was lost is not known"),
-    }
+    LostRecording::new(file, format!("cannot be read ({e}): what else was lost is not known"))
 }
 
 /// Recordings that an unfinished run was to judge and has not judged yet.
@@ -128,14 +143,15 @@ fn under_way(out: &Path) -> Vec<LostRecording> {
         "not judged yet by the run that began at {since}: it is still under way, or was killed, and then the same \
          `inkling replay` goes on where it stopped"
     );
-    left.map(|of| LostRecording { name: of.recording, why: why.clone() }).collect()
+    left.map(|of| LostRecording::new(of.recording, &*why)).collect()
 }
 
-/// Recordings that failed, still exist, and would have their tables at a place that `is_asked_for` accepts.
-fn failed(out: &Path, is_asked_for: impl Fn(&Path) -> bool) -> Vec<LostRecording> {
+/// Recordings that failed, still exist, and would have their tables at a place that `is_asked_for` accepts, with
+/// their paths.
+fn failed(out: &Path, is_asked_for: impl Fn(&Path) -> bool) -> Vec<(String, LostRecording)> {
     let journal = match Journal::read(out) {
         Ok(journal) => journal,
-        Err(e) => return vec![unread(JOURNAL_NAME, &e)],
+        Err(e) => return vec![(String::new(), unread(JOURNAL_NAME, &e))],
     };
     let is_asked_for = |entry: &&Entry| {
         let place = entry.results.as_ref().map(|results| out.join(&results.verdicts));
@@ -153,7 +169,7 @@ fn failed(out: &Path, is_asked_for: impl Fn(&Path) -> bool) -> Vec<LostRecording
         // errors begin with the path, which the line in the report has already
         let error = entry.error.as_deref().unwrap_or("failed");
         let why = error.split_once(&*name).and_then(|(_, rest)| rest.strip_prefix(": "));
-        LostRecording { name: name.into_owned(), why: why.unwrap_or(error).to_owned() }
+        (path.clone(), LostRecording::new(name.clone(), why.unwrap_or(error)))
     });
     lost.collect()
 }

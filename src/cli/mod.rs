@@ -16,11 +16,13 @@
 //! score      score scored score_critiques                results, copies
 //! convert    convert
 //! simulate   simulate
+//! acknowledge acknowledge                           (its table is read by replay and report)
 //! generate   generate
 //! several    effect (refuses --set without effect), exit, output, progress
 //! ```
 
 mod account;
+mod acknowledge;
 mod annotate;
 mod batch;
 pub mod called;
@@ -116,6 +118,8 @@ enum Verb {
     Inspect(inspect::Args),
     /// What to clean, since when, and how far to trust it: one page over any number of recordings
     Report(report_page::Args),
+    /// Say what is known of results: a damaged file, a replaced channel, a fault; it is no news any more
+    Acknowledge(acknowledge::Args),
     /// The thesis's chapter 4 again: its tables beside ours, any seeds
     Thesis(thesis::Args),
     /// Man pages or shell completions, for packagers
@@ -134,7 +138,11 @@ impl Verb {
     /// Runs the verb with its options.
     fn run(self) -> Result<Exit, Failure> {
         // the others look at a control
-        if matches!(self, Verb::Convert(_) | Verb::Score(_) | Verb::Thesis(_) | Verb::Generate(_)) {
+        if matches!(self, Verb::Convert(_)
+                | Verb::Score(_)
+                | Verb::Acknowledge(_)
+                | Verb::Thesis(_)
+                | Verb::Generate(_)) {
             progress::end_when_asked();
         }
         match self {
@@ -147,6 +155,7 @@ impl Verb {
             Verb::Score(args) => score::run(args),
             Verb::Inspect(args) => inspect::run(args),
             Verb::Report(args) => report_page::run(args),
+            Verb::Acknowledge(args) => acknowledge::run(args),
             Verb::Thesis(args) => thesis::run(args),
             Verb::Generate(args) => generate::run(args, Cli::command()),
         }

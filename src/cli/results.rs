@@ -101,10 +101,14 @@ pub fn read(
 ) -> Result<ReadReport, Failure> {
     // 1. the document of each recording: its summary, or what its table says of itself
     let (mut failed, mut notes) = (Vec::new(), Vec::new());
-    let mut found = Vec::new();
+    let (mut found, acknowledged) = (Vec::new(), lost::acknowledged(inputs));
     for input in inputs {
         match source(input, &mut notes) {
-            Ok(source) => found.push((input.path.as_path(), source)),
+            Ok(mut source) => {
+                let label = source.document["recording"]["name"].as_str().unwrap_or(&source.name);
+                source.known = acknowledged.knows_recording(label).map(str::to_owned);
+                found.push((input.path.as_path(), source));
+            }
             Err(e) => failed.push(e),
         }
     }
@@ -158,8 +162,8 @@ pub fn read(
         let first = failed.into_iter().next();
         return Err(Failure::new(first.unwrap_or_else(|| "the verdict tables are empty".into())));
     }
-    let lost = lost::of(inputs, &failed);
-    let mut report = Report::new(&sources, survey, lost, settings.clone());
+    let lost = lost::of(inputs, &failed, &acknowledged);
+    let mut report = Report::new(&sources, survey, lost, &acknowledged, settings.clone());
     report.notes.append(&mut copies);
     Ok(ReadReport { report, failed, notes, classes })
 }
@@ -169,13 +173,13 @@ pub fn read(
 fn source(input: &Input, notes: &mut Vec<String>) -> Result<Source, String> {
     let name = lost::name(input);
     match summary_file::read(&summary_file::path_beside(&input.path)) {
-        Ok(Some(document)) => return Ok(Source { name, document, missing: Vec::new() }),
+        Ok(Some(document)) => return Ok(Source { name, document, ..Source::default() }),
         Ok(None) => {}
         Err(e) => notes.push(e),
     }
     let verdicts = VerdictReader::open_columns(&input.path, &[]).map_err(|e| e.to_string())?;
     let document = summary_file::of_metadata(verdicts.metadata_json());
-    Ok(Source { name, document, missing: vec!["summary"] })
+    Ok(Source { name, document, missing: vec!["summary"], ..Source::default() })
 }
 
 /// The episodes of a recording. If their table cannot be read, `source` and `failed` say so.

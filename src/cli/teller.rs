@@ -43,8 +43,10 @@ pub struct Teller<'a> {
 }
 
 impl Teller<'_> {
-    /// Tells the names that were given and not found, and what lies beside the recordings and is not read.
+    /// Tells the names that were given and not found, what lies beside the recordings and is not read, and what of the
+    /// acknowledgements cannot be understood.
     pub fn lost(&self) -> Result<(), Failure> {
+        self.account.acknowledged.mistakes.iter().for_each(|mistake| self.fail(mistake));
         let unread = self.account.unread.iter().map(|of| format!("{}: {}", of.recording, of.why));
         first_few(unread, MOST_FAILURES, |more| format!("{more} files more are not read"))
             .for_each(|line| self.fail(&line));
@@ -57,8 +59,7 @@ impl Teller<'_> {
 
     /// Adds a recording's row to the account, and prints it as a JSON line if these are asked for.
     pub fn entered(&mut self, job: &Job, entry: &Entry) -> Result<(), Failure> {
-        let row = Row::of(job, entry);
-        self.account.rows.push(row.clone()); // whether or not it can be printed
+        let row = self.account.enter(job, entry); // whether or not it can be printed
         if row.skipped {
             self.complain_of(&row);
         }
@@ -69,8 +70,7 @@ impl Teller<'_> {
     /// its report.
     pub fn judged(&mut self, job: &Job, judged: &Judged) -> Result<(), Failure> {
         let (entry, label) = (&judged.entry, printable_path(&job.label()));
-        let row = Row::of(job, entry);
-        self.account.rows.push(row.clone());
+        let row = self.account.enter(job, entry);
         // the account counts all messages, and says which is the first of its kind
         let tell = |counts: &mut Notes, kind: &str, message: &CountedMessage, all: &str| {
             if counts.add(&label, message) {
@@ -87,7 +87,9 @@ impl Teller<'_> {
             tell(warnings, "warning", message, "; all in its summary.json");
         }
         entry.notes.iter().for_each(|message| tell(notes, "note", message, ""));
-        entry.not_judged.iter().for_each(|what| self.complain(&format!("{label}: {what}")));
+        if !row.acknowledged {
+            entry.not_judged.iter().for_each(|what| self.complain(&format!("{label}: {what}")));
+        }
         if row.outcome != Outcome::NotJudged {
             self.complain_of(&row);
         }

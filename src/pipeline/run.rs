@@ -9,7 +9,7 @@ use inkling_core::episodes::Episode;
 use inkling_core::fault::Class;
 use inkling_core::labels::Labels;
 use inkling_core::side_by_side::cores;
-use inkling_core::state::Memory;
+use inkling_core::state::{Memory, Replaced};
 use inkling_core::verdict::Verdicts;
 use inkling_io::recording::Recording;
 use serde::{Deserialize, Serialize};
@@ -30,6 +30,9 @@ pub struct Replay {
     /// With `--baseline`: what is remembered of heads and channels from the recordings before; `None`: nothing is,
     /// and channels are not judged about levels of their own.
     pub baselines: Option<Memory>,
+    /// Channels and printheads that somebody has acknowledged as replaced: they begin anew.
+    #[serde(default)]
+    pub replaced: Vec<Replaced>,
 }
 
 impl Replay {
@@ -39,6 +42,14 @@ impl Replay {
 
     pub fn fault_classes(&self) -> Vec<Class> {
         self.design.as_ref().map(Design::fault_classes).unwrap_or_default()
+    }
+
+    /// Lets what was replaced begin anew, before a recording that begins at `at_ns` (`None`: nobody knows when) is
+    /// judged.
+    pub fn begin_recording(&mut self, at_ns: Option<i64>) {
+        if let Some((baselines, at_ns)) = self.baselines.as_mut().zip(at_ns) {
+            baselines.begin_anew(&self.replaced, at_ns);
+        }
     }
 
     /// Number of workers of a stage that may have several: `replay.threads`, or the machine's cores.

@@ -94,7 +94,9 @@ impl<'a> Changes<'a> {
             }
         };
         let of_kind = |key: &str| -> Vec<&'a Fault> {
-            faults.iter().filter(|fault| fault.is_latest && kind(&fault.story) == key).collect()
+            // what is known is no news
+            let news = faults.iter().filter(|of| of.is_latest && of.story.known.is_none());
+            news.filter(|fault| kind(&fault.story) == key).collect()
         };
         let kinds = [
             ("new", "new"),

@@ -69,6 +69,14 @@ pub struct Coverage {
     pub not_whole: u64,
     /// Number of recordings whose faults are not known, because their table of episodes is missing.
     pub without_faults: u64,
+    /// Number of recordings, with verdicts or without, whose damage somebody has acknowledged. Of them the report
+    /// does not begin; yet not all is known.
+    pub acknowledged: u64,
+    /// What of `not_judged` and `not_whole` is theirs.
+    #[serde(skip)]
+    acknowledged_not_judged: u64,
+    #[serde(skip)]
+    acknowledged_not_whole: u64,
     /// Number of all recordings with verdicts.
     #[serde(skip)]
     recordings: u64,
@@ -90,7 +98,19 @@ impl Coverage {
     pub fn of(survey: &Survey, sources: &[Source], lost: Vec<LostRecording>) -> Coverage {
         let tallies = || survey.heads.iter().flat_map(|head| head.tallies.values());
         let is_whole = |of: &&Source| of.missing.is_empty() && of.damaged_places() == 0;
+        let is_known = |of: &&Source| of.known.is_some();
+        let rejected = |recording: usize| {
+            let of_heads = survey.heads.iter().filter_map(|head| head.tallies.get(&recording));
+            of_heads.map(|tally| tally.rejected).sum::<u64>()
+                + survey.left_out.get(&recording).copied().unwrap_or_default()
+        };
+        let known = sources.iter().enumerate().filter(|(_, of)| is_known(of));
+        let lost_known = lost.iter().filter(|of| of.known).count();
         Coverage {
+            acknowledged: (sources.iter().filter(is_known).count() + lost_known) as u64,
+            acknowledged_not_judged: known.map(|(recording, _)| rejected(recording)).sum(),
+            acknowledged_not_whole: sources.iter().filter(|of| is_known(of) && !is_whole(of)).count()
+                as u64,
             gaps: [gaps(survey, sources), not_measured(survey, sources), doubtful(survey, sources)]
                 .concat(),
             lost,
@@ -122,7 +142,8 @@ impl Coverage {
 
     /// Whether everything in the recordings was judged, and no recording is damaged or incomplete.
     pub fn is_complete(&self) -> bool {
-        self.gaps.is_empty() && self.lost.is_empty() && self.not_judged + self.not_whole == 0
+        let is_judged = self.gaps.is_empty() && self.lost.is_empty() && self.acknowledged == 0;
+        is_judged && self.not_judged + self.not_whole == 0
     }
 
     /// The text that the report begins with: what was not judged. `None` if everything is known.
@@ -145,14 +166,16 @@ impl Coverage {
             n => format!("{}, the last of {n} recordings: {}", gap.recording, gap.what),
         };
         let of_lost = |lost: &LostRecording| format!("{}: {}", lost.name, lost.why);
-        let all: Vec<String> =
-            self.gaps.iter().map(of_gap).chain(self.lost.iter().map(of_lost)).collect();
+        let lost = self.lost.iter().filter(|lost| !lost.known);
+        let all: Vec<String> = self.gaps.iter().map(of_gap).chain(lost.map(of_lost)).collect();
         first_of(&all, MOST_NAMED, "; ")
     }
 
     /// Numbers of signals, channels and recordings that are not fully known; empty if there are none.
     fn rest(&self) -> String {
-        let Coverage { without_faults, not_judged, unknown_channels, not_whole, .. } = *self;
+        let Coverage { without_faults, unknown_channels, .. } = *self;
+        let not_judged = self.not_judged - self.acknowledged_not_judged;
+        let not_whole = self.not_whole - self.acknowledged_not_whole;
         let share = percent(not_judged, self.judged + not_judged);
         let recordings = counted(without_faults, "recording");
         let signals = counted(not_judged, "signal");
@@ -180,7 +203,8 @@ type Occurrence = (Option<i64>, usize, String);
 /// recording concerned, by the last signal of the printhead concerned, or else of all.
 fn gaps(survey: &Survey, sources: &[Source]) -> Vec<Gap> {
     let mut all: BTreeMap<Subject, Vec<Occurrence>> = BTreeMap::new();
-    for (recording, source) in sources.iter().enumerate() {
+    // of a recording whose damage is acknowledged nothing is missed
+    for (recording, source) in sources.iter().enumerate().filter(|(_, of)| of.known.is_none()) {
         let span = |head: &Head| head.tallies.get(&recording)?.span;
         let of_all = whole(survey.heads.iter().filter_map(span));
         for (of, what) in of_recording(survey, recording, source) {

@@ -11,6 +11,7 @@
 //! last; its certainty counts as a half, since nothing is known of its drop. The forecast (`hours_to_visible`)
 //! follows the trend until half of a drop is lost. The factors are heuristic; nothing was tuned.
 
+use super::acknowledged;
 use super::settings::ReportSettings;
 use super::story::Story;
 use super::trend::{Direction, Trend};
@@ -70,7 +71,7 @@ impl Fault {
         let is_latest = past.is_some();
         let urgency = (urgency(&story) / URGENCY_STEP).round() * URGENCY_STEP;
         let mut fault = Fault {
-            urgency: if is_latest { urgency } else { 0.0 },
+            urgency: if is_latest && !story.replaced { urgency } else { 0.0 },
             action: settings.action(key(&story)).to_owned(),
             sentence: String::new(),
             is_latest,
@@ -83,7 +84,8 @@ impl Fault {
 
     /// Whether the channel is to be cleaned: its last fault is still on, or is over but came back before.
     pub fn is_open(&self) -> bool {
-        self.is_latest && (self.story.ended_at_ns.is_none() || self.story.cures > 0)
+        let is_on = self.story.ended_at_ns.is_none() || self.story.cures > 0;
+        self.is_latest && is_on && !self.story.replaced
     }
 }
 
@@ -307,6 +309,9 @@ fn sentence_of(fault: &Fault) -> String {
             words::counted_as(cures.into(), "cured once", "times cured"),
             words::clock(story.last_began_at_ns)
         ),
+        (Some(end), _) if story.replaced => {
+            format!("from {since} to {}; the channel was replaced", words::clock(end))
+        }
         (Some(end), 0) => format!("from {since} to {}, healthy since", words::clock(end)),
         (Some(end), cures) => format!(
             "since {since}, in {recordings}, came back {}; last healthy again {}",
@@ -322,6 +327,7 @@ fn sentence_of(fault: &Fault) -> String {
     if !fault.is_latest {
         parts.push("another fault came after it".into());
     }
+    parts.extend(story.known.as_deref().map(acknowledged::in_words));
     let text = format!("channel {}: {}", story.channel, parts.join("; "));
     if fault.is_open() { format!("{text}: {}", fault.action) } else { text }
 }

@@ -3,6 +3,7 @@
 //! In: a [`Report`]. Out: text: what was not judged and the notes, then one line for each channel
 //! to clean, most urgent first, then channels that are healthy again.
 
+use super::acknowledged;
 use super::coverage::Extent;
 use super::fault::instead_in_words;
 use super::words::{Column, clock, columns, counted, counted_as, joined};
@@ -101,6 +102,7 @@ fn in_words(fault: &Fault) -> String {
         (None, _) => format!("cured {times} and back"),
         _ => format!("healthy now, but came back {times}"),
     });
+    parts.extend(story.known.as_deref().map(acknowledged::in_words));
     if !fault.earlier.is_empty() {
         let n = counted(fault.earlier.len() as u64, "other fault");
         parts.push(format!("{n} before it"));

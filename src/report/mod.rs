@@ -15,9 +15,13 @@
 //! 4. `notes`, `head_changes`, `changes` and `drift` look over channels, printheads and nights.
 //! 5. `page` writes all that with `heads`, `tables`, `maps` and `figures`, and `account` as one document.
 //!
+//! What people have acknowledged (`acknowledged`) is heeded in steps 2 and 3: a replaced channel's stories end there,
+//! known faults and known damage are marked, and are no news.
+//!
 //! `evaluation` and `promised` are other pages made by the same means, for the verb `score`.
 
 mod account;
+mod acknowledged;
 mod bins;
 mod changes;
 mod counts;
@@ -49,6 +53,10 @@ mod trend;
 mod watch;
 mod words;
 
+pub use acknowledged::{
+    Acknowledged, COLUMNS as ACKNOWLEDGED_COLUMNS, in_words as acknowledged_in_words,
+    time as acknowledged_time,
+};
 pub use changes::Changes;
 pub use evaluation::html as evaluation;
 pub use fault::{Fault, certain_trend, forecast_in_words, size, trend_in_words, what};
@@ -70,8 +78,8 @@ use fault::hours_to_visible;
 use night::{Span, whole};
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
-use story::Rates;
-use watch::Spell;
+use story::{Rates, Story};
+use watch::{Spell, Watch};
 
 /// Counts of one recording: a line of the page's table of recordings.
 #[derive(Clone, Debug)]
@@ -131,6 +139,7 @@ impl Report {
         sources: &[Source],
         survey: Survey,
         lost: Vec<LostRecording>,
+        acknowledged: &Acknowledged,
         settings: ReportSettings,
     ) -> Report {
         let coverage = Coverage::of(&survey, sources, lost);
@@ -138,12 +147,16 @@ impl Report {
 
         // The stories of each channel, linked with the rates of all channels.
         let rates = rates(&survey, &false_alarms);
-        let faults = |watch| Fault::of_channel(story::stories(watch, &rates), &settings);
-        let mut faults: Vec<Fault> = survey.watches().flat_map(faults).collect();
+        let faults = |head: &survey::Head| {
+            let stories = head.watches.iter().map(|of| stories(head, of, &rates, acknowledged));
+            stories.flat_map(|of| Fault::of_channel(of, &settings)).collect::<Vec<_>>()
+        };
+        let mut faults: Vec<Fault> = survey.heads.iter().flat_map(faults).collect();
         fault::sort(&mut faults);
 
         // What is told over channels and recordings.
-        let notes = notes::notes(&survey, &faults, sources);
+        let mut notes = notes::notes(&survey, &faults, sources);
+        notes.extend(acknowledged.mistakes.iter().cloned());
         let mut recordings = lines(sources, &survey);
         recordings.sort_by_cached_key(|line| (line.span.map(|span| span.0), line.name.clone()));
         let drift = drift::points(sources);
@@ -160,6 +173,38 @@ impl Report {
     pub fn open(&self) -> impl Iterator<Item = &Fault> {
         self.faults.iter().filter(|fault| fault.is_open())
     }
+
+    /// Those of them that nobody has acknowledged as known.
+    pub fn news(&self) -> impl Iterator<Item = &Fault> {
+        self.open().filter(|fault| fault.story.known.is_none())
+    }
+}
+
+/// The stories of a channel: of what it was before each time at which it was replaced, and of what it is now.
+fn stories(
+    head: &survey::Head,
+    watch: &Watch,
+    rates: &Rates,
+    acknowledged: &Acknowledged,
+) -> Vec<Story> {
+    let ends_ns = |recording: usize| {
+        let span = head.tallies.get(&recording).and_then(|of| of.span);
+        span.map_or(i64::MIN, |(_, to_ns)| to_ns)
+    };
+    let first = &watch.spells[0].episode;
+    let (mut all, mut rest) = (Vec::new(), Some(watch.clone()));
+    for at_ns in acknowledged.replaced_ns(&first.printhead, first.channel) {
+        let Some(watch) = rest.take() else { break };
+        let [before, after] = watch.divided(at_ns, ends_ns);
+        let gone = before.iter().flat_map(|watch| story::stories(watch, rates));
+        all.extend(gone.map(|story| Story { replaced: true, ..story }));
+        rest = after;
+    }
+    all.extend(rest.iter().flat_map(|watch| story::stories(watch, rates)));
+    for story in &mut all {
+        story.known = acknowledged.knows(story).map(str::to_owned);
+    }
+    all
 }
 
 /// The rates over all channels, against which `story` weighs the bursts of one channel.

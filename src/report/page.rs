@@ -35,7 +35,8 @@ pub fn html(report: &Report) -> String {
     let open: Vec<&Fault> = report.open().collect();
     let over: Vec<&Fault> = report.over().collect();
     let mut body = String::from("<h1>Nozzle report</h1>\n");
-    for text in report.coverage.first().into_iter().chain(in_short(report, &open)) {
+    let news: Vec<&Fault> = report.news().collect();
+    for text in report.coverage.first().into_iter().chain(in_short(report, &news)) {
         body += &sentence(&text);
     }
     body += &note(&basis(report));
@@ -85,7 +86,8 @@ pub fn html(report: &Report) -> String {
     page("Nozzle report", &body)
 }
 
-/// The page's first sentence: `6 of 192 channels on 3 printheads need care ...`, if anything was judged.
+/// The page's first sentence: `6 of 192 channels on 3 printheads need care ...`, if anything was judged. `open`: the
+/// faults that are to be cleaned, but for those that are known.
 fn in_short(report: &Report, open: &[&Fault]) -> Option<String> {
     let coverage = &report.coverage;
     let judged = |head: &&Head| head.tallies.values().any(|tally| tally.judged > 0);
@@ -94,12 +96,18 @@ fn in_short(report: &Report, open: &[&Fault]) -> Option<String> {
     let of = format!("{channels} on {}", counted(heads as u64, "printhead"));
 
     // Nothing is to be cleaned: how much that says depends on how much is known.
+    let known = match report.open().count() - open.len() {
+        0 => String::new(),
+        n => format!(" beyond {}", counted(n as u64, "known fault")),
+    };
     let Some(first) = open.first() else {
         return match coverage.extent() {
             Extent::NothingJudged => None,
             Extent::NoFaults => Some("What needs care is not known.".into()),
-            Extent::Complete => Some(format!("Of {of} none needs care.")),
-            Extent::Partial => Some(format!("What is known of {of} names no channel to clean.")),
+            Extent::Complete => Some(format!("Of {of} none needs care{known}.")),
+            Extent::Partial => {
+                Some(format!("What is known of {of} names no channel to clean{known}."))
+            }
         };
     };
 

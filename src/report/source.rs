@@ -1,6 +1,7 @@
 //! The recordings that a report covers: those with verdicts, and those that have none.
 //! `cli/results.rs` makes both from what lies in the directories that the user named.
 
+use super::acknowledged;
 use super::words::thousands;
 use serde_json::Value;
 
@@ -14,6 +15,8 @@ pub struct Source {
     pub name: String,
     /// The summary's JSON document; null if there is none.
     pub document: Value,
+    /// The note of whoever acknowledged that its damage is known.
+    pub known: Option<String>,
     /// Files that are missing beside the verdicts: `episodes`, `summary`.
     pub missing: Vec<&'static str>,
 }
@@ -49,6 +52,8 @@ impl Source {
             n => parts.push(format!("damaged in {} places: {first}", thousands(n))),
         }
         parts.extend(self.missing.iter().map(|what| format!("no {what} file")));
+        let known = self.known.as_deref().filter(|_| !parts.is_empty());
+        parts.extend(known.map(acknowledged::in_words));
         parts.join("; ")
     }
 }
@@ -59,4 +64,14 @@ pub struct LostRecording {
     pub name: String,
     /// Why there are no verdicts.
     pub why: String,
+    /// Whether somebody has acknowledged it, so that it is no news.
+    #[serde(skip)]
+    pub known: bool,
+}
+
+impl LostRecording {
+    /// A loss that nobody has acknowledged.
+    pub fn new(name: impl Into<String>, why: impl Into<String>) -> LostRecording {
+        LostRecording { name: name.into(), why: why.into(), known: false }
+    }
 }

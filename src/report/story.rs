@@ -124,6 +124,10 @@ pub struct Story {
     pub distance: Option<f64>,
     /// Certainty, from 0 to 1, of the episode that the story is named after.
     pub certainty: Option<f64>,
+    /// Whether the channel that had the fault was replaced since.
+    pub replaced: bool,
+    /// The note of whoever acknowledged that the fault is known.
+    pub known: Option<String>,
 }
 
 /// A size as it was last known, with its standard deviation; `None` of a fault that was never sized.
@@ -303,6 +307,8 @@ fn story(
         certainty: named.certainty.filter(|_| lost.is_none()),
         known_at_ns: last_named.at_ns,
         lost,
+        replaced: false,
+        known: None,
         spells: spells.to_vec(),
         quantity: quantity.map(str::to_owned),
     }

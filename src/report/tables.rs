@@ -5,6 +5,7 @@
 //! a CSS variable (`--a` to `--d`), and the style sheet sorts rows by the variable whose button is
 //! checked.
 
+use super::acknowledged;
 use super::fault::{Fault, forecast_in_words, instead_in_words, size, trend_in_words, what};
 use super::light::Light;
 use super::source::MOST_OF_DAMAGE;
@@ -102,7 +103,8 @@ fn row(report: &Report, fault: &Fault, drawn: &LinkTargets, order: Option<[usize
     };
     let [instead, forecast] =
         [instead_in_words(s), forecast_in_words(s)].map(Option::unwrap_or_default);
-    let more = [size(s), instead, trend, forecast];
+    let known = s.known.as_deref().map_or(String::new(), acknowledged::in_words);
+    let more = [size(s), instead, trend, forecast, known];
     let more = more.iter().filter(|more| !more.is_empty()).map(|more| small(more));
     Row {
         attributes: format!(" id=\"r{place}\"{style}"),
@@ -207,7 +209,8 @@ pub fn recordings(report: &Report) -> String {
         let why: String = lost.why.chars().take(MOST_OF_DAMAGE).collect();
         let first = [name_cell(Light::Grey, &lost.name), "–".into(), "0".into()];
         let nothing = columns.iter().map(|_| "–".to_owned());
-        let why = format!("not judged: {}", escaped(&why));
+        let known = if lost.known { " (acknowledged)" } else { "" };
+        let why = format!("not judged: {}{known}", escaped(&why));
         Row::from(first.into_iter().chain(nothing).chain([why]))
     });
     let mut text = wide(&table("cards", &heads, judged.chain(lost)));

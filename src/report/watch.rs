@@ -141,6 +141,30 @@ impl Watch {
         self.calls.get(category)
     }
 
+    /// The watches of the channel before `at_ns`, when it was replaced, and since then, as far as each has episodes. An
+    /// episode that was on ended with the replacement, and another one began if its recording goes on beyond it.
+    /// `ends_ns`: when a recording ends.
+    pub fn divided(self, at_ns: i64, ends_ns: impl Fn(usize) -> i64) -> [Option<Watch>; 2] {
+        let (mut before, mut after) = (self.clone(), self);
+        let m = before.spells.partition_point(|of| of.episode.began_at_ns < at_ns);
+        before.spells.truncate(m);
+        before.outside.truncate(m + 1);
+        after.spells.drain(..m);
+        after.outside.drain(..m);
+        for spell in &mut before.spells {
+            let ended_at_ns = spell.episode.ended_at_ns.unwrap_or(i64::MAX);
+            if ended_at_ns.min(ends_ns(spell.recording)) > at_ns {
+                let mut rest = spell.clone();
+                rest.episode.began_at_ns = at_ns;
+                rest.episode.raised_at_ns = rest.episode.raised_at_ns.max(at_ns);
+                after.spells.insert(0, rest);
+                after.outside.insert(0, BurstCounts::default());
+            }
+            spell.episode.ended_at_ns = Some(ended_at_ns.min(at_ns));
+        }
+        [before, after].map(|watch| (!watch.spells.is_empty()).then_some(watch))
+    }
+
     /// The severities over time that are measured in `quantity`; `None` if there are none.
     pub fn course(&self, quantity: &str) -> Option<&Course> {
         self.courses.get(quantity)

@@ -83,7 +83,7 @@ mod stamp;
 pub mod stored;
 pub mod summary_file;
 pub mod table_file;
-mod table_text;
+pub mod table_text;
 mod thrift;
 pub mod time_column;
 pub mod truth_file;

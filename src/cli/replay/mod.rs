@@ -17,6 +17,7 @@ pub use args::{Args, PRESETS};
 pub use settings::judging;
 
 use super::account::{Account, RUN_NAME, Row, UnreadFile};
+use super::acknowledge;
 use super::batch::Batch;
 use super::collected::checked_dialects;
 use super::exit::{Exit, Failure};
@@ -87,7 +88,10 @@ fn checked_and_judged(
     let NamedRecordings { jobs, lost, unread, dialects } =
         named_recordings(&args, &settings, &out)?;
     begun.jobs.clone_from(&jobs);
-    let (replay, baseline_file, means) = settings::load(settings, design, &args)?;
+    let (mut replay, baseline_file, means) = settings::load(settings, design, &args)?;
+
+    let acknowledged = acknowledge::read(&out);
+    replay.replaced.clone_from(&acknowledged.replaced);
 
     // 2. the lock, which keeps other runs from the same directory
     let control = if args.follow { follow::until_enough() } else { interruptible() };
@@ -151,7 +155,7 @@ fn checked_and_judged(
     let is_alone = jobs.len() == 1 && lost.is_empty();
     // from here on the batch accounts for the run
     let mut account = begun.account.take().unwrap_or_else(|| Account::new(args.strict));
-    (account.rows, account.unread) = (lost, unread);
+    (account.rows, account.unread, account.acknowledged) = (lost, unread, acknowledged);
     let batch = Batch {
         judge: match elsewhere {
             Some(judge) => judge,

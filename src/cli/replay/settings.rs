@@ -186,7 +186,8 @@ pub fn load(
         path => BaselineFile::read(Path::new(path), design_digest.as_deref())
             .map(|(file, baselines)| (Some(file), Some(baselines)))?,
     };
-    let replay = Replay { settings, design, design_digest, labels, spans, baselines };
+    let replay =
+        Replay { settings, design, design_digest, labels, spans, baselines, replaced: Vec::new() };
     let means = means_of(&replay, labels_digest);
     Ok((replay, baseline_file, means))
 }

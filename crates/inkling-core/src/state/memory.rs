@@ -25,6 +25,20 @@ pub struct Memory {
     /// Digest of the design whose models the features are relative to; absent: there was none.
     pub design: Option<String>,
     pub printheads: BTreeMap<String, HeadMemory>,
+    /// The replacements that have been heeded, so that each makes its channels begin anew once.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub replaced: Vec<Replaced>,
+}
+
+/// A channel, or a whole printhead, that is another one from a time on.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Replaced {
+    pub printhead: String,
+    /// `None`: the whole printhead.
+    pub channel: Option<u32>,
+    /// ns since 1970.
+    pub from_ns: i64,
 }
 
 /// What is remembered of one printhead: the fields of [`Head`], in features.
@@ -48,7 +62,23 @@ pub struct HeadMemory {
 
 impl Memory {
     pub fn new(design: Option<String>) -> Memory {
-        Memory { version: VERSION, design, printheads: BTreeMap::new() }
+        Memory { version: VERSION, design, printheads: BTreeMap::new(), replaced: Vec::new() }
+    }
+
+    /// Forgets what is replaced when a recording begins, `at_ns`, and was not heeded yet. Which of them were is part
+    /// of the memory: so a recording that is judged again by the memory of its turn meets the same one.
+    pub fn begin_anew(&mut self, replaced: &[Replaced], at_ns: i64) {
+        for of in replaced.iter().filter(|of| of.from_ns <= at_ns) {
+            if self.replaced.contains(of) {
+                continue;
+            }
+            match (of.channel, self.printheads.get_mut(&of.printhead)) {
+                (Some(channel), Some(head)) => drop(head.channels.remove(&channel)),
+                (None, Some(_)) => drop(self.printheads.remove(&of.printhead)),
+                (_, None) => {}
+            }
+            self.replaced.push(of.clone());
+        }
     }
 
     pub fn from_json(text: &[u8]) -> Result<Memory, String> {
@@ -73,7 +103,7 @@ impl Memory {
 
     fn check(&self) -> Result<(), String> {
         let channels = self.channels();
-        if channels > MOST_CHANNELS {
+        if channels.max(self.replaced.len()) > MOST_CHANNELS {
             return Err(format!("{channels} channels: at most {MOST_CHANNELS}"));
         }
         let unsound = self.printheads.iter().find(|(_, of)| !of.is_sound());
@@ -167,5 +197,39 @@ impl Head {
             spread: rows(&kind.covariance_from(&spread)),
             channels: channels.map(|(k, of)| (*k, mapped(of, &kind.from))).collect(),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_replaced_begins_anew_once() {
+        let head = || HeadMemory {
+            channels: [1, 2].map(|channel| (channel, Channel::default())).into(),
+            ..HeadMemory::default()
+        };
+        let mut memory = Memory::new(None);
+        memory.printheads = ["a", "b"].map(|name| (name.to_owned(), head())).into();
+        let of = |printhead: &str, channel, from_ns| {
+            Replaced { printhead: printhead.into(), channel, from_ns }
+        };
+        let replaced = [of("a", Some(2), 10), of("b", None, 20)];
+        let left = |memory: &Memory| {
+            let of_head = |(name, of): (&String, &HeadMemory)| format!("{name}{}", of.channels.len());
+            memory.printheads.iter().map(of_head).collect::<Vec<_>>()
+        };
+        memory.begin_anew(&replaced, 9);
+        assert_eq!(left(&memory), ["a2", "b2"], "nothing was replaced by then");
+        memory.begin_anew(&replaced, 10);
+        assert_eq!(left(&memory), ["a1", "b2"]);
+        memory.begin_anew(&replaced, 25);
+        assert_eq!(left(&memory), ["a1"]);
+        memory.printheads.insert("b".into(), head());
+        memory.begin_anew(&replaced, 30);
+        assert_eq!(left(&memory), ["a1", "b2"], "what was learned since stays");
+        let text = serde_json::to_string(&memory).unwrap();
+        assert_eq!(Memory::from_json(text.as_bytes()).unwrap(), memory);
     }
 }

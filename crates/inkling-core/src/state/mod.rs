@@ -28,4 +28,4 @@ mod tests;
 pub use channel::{Channel, Sum};
 pub use head::{Head, Look, OwnLevel, Replaced, SweepOutcome};
 pub use kind::{Features, Kind};
-pub use memory::{HeadMemory, Memory};
+pub use memory::{HeadMemory, Memory, Replaced};

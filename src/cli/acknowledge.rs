@@ -1,0 +1,246 @@
+//! `inkling acknowledge`: says what people know of results, so that it is no news any more: a damaged recording, a
+//! replaced channel or printhead, a fault. It appends a line to `acknowledged.csv` beside the results, which people
+//! may edit as well (`schemas/acknowledged.md`).
+//!
+//! In: the options. Out: the line. Whoever tells of results reads all lines by [`read`]; what a line means
+//! `report/acknowledged.rs` says.
+
+use super::exit::{Exit, Failure};
+use super::output;
+use crate::report::{ACKNOWLEDGED_COLUMNS as COLUMNS, Acknowledged, acknowledged_time, clock};
+use clap::ArgGroup;
+use inkling_io::file_error::FileError;
+use inkling_io::regular_file::{self, if_there};
+use inkling_io::table_text::{TextError, TextOptions, TextTable};
+use inkling_io::{journal, part_file, printable};
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+pub const ACKNOWLEDGED_NAME: &str = "acknowledged.csv";
+/// Most bytes of that file that are read: a hundred thousand lines.
+const MOST_BYTES: u64 = 16 << 20;
+const OPTIONS: TextOptions = TextOptions { skip_lines: 0, comments: true, most_bytes: MOST_BYTES };
+/// Most mistakes that are told of one file.
+const MOST_MISTAKES: usize = 20;
+
+#[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:
+  inkling acknowledge verdicts --damage n12.mcap --note 'never written'
+      its damage is no news any more: not for the exit status, not in the
+      mail, not at the top of the page
+  inkling acknowledge verdicts --replaced HB:21 --from 2026-11-08
+      from that day on the channel begins anew, with its own past where
+      there is a state; HB alone means the whole printhead
+  inkling acknowledge verdicts --known HA:40 --note 'waits for the spare'
+      the fault stays in tables and on the page, marked, and is no news;
+      another fault that begins later is
+
+A line of verdicts/acknowledged.csv each: what is removed there counts no longer.")]
+#[command(group(ArgGroup::new("what").required(true).args(["damage", "replaced", "known"])))]
+pub struct Args {
+    /// Directory of results
+    out: PathBuf,
+    /// A recording that is known to be damaged, empty or not judged: its path, or the end of it
+    #[arg(long, value_name = "RECORDING")]
+    damage: Option<String>,
+    /// A channel, or a whole printhead, that was replaced
+    #[arg(long, value_name = "HEAD[:CHANNEL]", requires = "from")]
+    replaced: Option<String>,
+    /// A channel whose fault is known
+    #[arg(long, value_name = "HEAD:CHANNEL")]
+    known: Option<String>,
+    /// Since when: 2026-01-31, 2026-01-31 12:00 (UTC), or RFC 3339
+    #[arg(long, value_name = "TIME", conflicts_with = "damage")]
+    from: Option<String>,
+    /// With --known: faults that begin from then on are news again [default: now]
+    #[arg(long, value_name = "TIME", requires = "known")]
+    until: Option<String>,
+    /// Kept with it, and told beside it
+    #[arg(long, value_name = "TEXT", default_value = "")]
+    note: String,
+}
+
+/// Runs the verb.
+pub fn run(args: Args) -> Result<Exit, Failure> {
+    if !args.out.is_dir() {
+        let out = args.out.display();
+        return Err(Failure::usage(format!("{out}: no directory of results: give that of a replay")));
+    }
+    let cells = cells(&args)?;
+    let mut checked = Acknowledged::default();
+    checked.add(cells.each_ref().map(|cell| cell.as_str())).map_err(Failure::usage)?;
+    append(&args.out.join(ACKNOWLEDGED_NAME), &cells)?;
+    let [what, recording, printhead, channel, from, until, _] = &cells;
+    let times = [("from", from), ("until", until)].into_iter().filter(|(_, time)| !time.is_empty());
+    let times: String = times.map(|(word, time)| format!(" {word} {time}")).collect();
+    let of = match (recording.as_str(), channel.as_str()) {
+        ("", "") => format!("all of {printhead}"),
+        ("", channel) => format!("{printhead} channel {channel}"),
+        (recording, _) => recording.to_owned(),
+    };
+    let (of, place) = (printable::cell(&of), args.out.join(ACKNOWLEDGED_NAME));
+    writeln!(output::report(), "{what}: {of}{times}; remove its line in {} to undo it", place.display())?;
+    Ok(Exit::Done)
+}
+
+/// The cells of the line, in the order of the columns.
+fn cells(args: &Args) -> Result<[String; COLUMNS.len()], Failure> {
+    let (what, of) = match (&args.damage, &args.replaced, &args.known) {
+        (Some(of), ..) => ("damage", of),
+        (_, Some(of), _) => ("replaced", of),
+        (.., Some(of)) => ("known", of),
+        _ => return Err(Failure::usage("give --damage, --replaced or --known")),
+    };
+    let is_number = |text: &&str| !text.is_empty() && text.bytes().all(|c| c.is_ascii_digit());
+    let split = of.rsplit_once(':').filter(|(_, channel)| is_number(channel));
+    let (recording, (printhead, channel)) = match what {
+        "damage" => (of.as_str(), ("", "")),
+        "known" if split.is_none() => {
+            let what = "give the printhead and the number of its channel, such as HB:21";
+            return Err(Failure::usage(format!("--known {}: {what}", printable::cell(of))));
+        }
+        _ => ("", split.unwrap_or((of, ""))),
+    };
+    // a time as reports write it, so that whoever edits the line sees how
+    let time = |option: &str, given: &Option<String>| {
+        let ns = acknowledged_time(option, given.as_deref().unwrap_or_default());
+        Ok::<_, Failure>(ns.map_err(Failure::usage)?.map_or(String::new(), clock))
+    };
+    let until = match (what, &args.until) {
+        ("known", None) => journal::now(),
+        (_, until) => time("--until", until)?,
+    };
+    let cells = [what, recording, printhead, channel, &time("--from", &args.from)?, &until, &args.note];
+    Ok(cells.map(str::to_owned))
+}
+
+/// Adds a line to the file, which is made if it is not there; its columns may be in any order.
+fn append(path: &Path, cells: &[String; COLUMNS.len()]) -> Result<(), Failure> {
+    let there = if_there(regular_file::read(path, MOST_BYTES)).map_err(FileError::unread(path))?;
+    let mut text = there.filter(|text| !text.trim_ascii().is_empty());
+    let text = text.get_or_insert_with(|| (COLUMNS.join(",") + "\n").into_bytes());
+    if !text.ends_with(b"\n") {
+        text.push(b'\n');
+    }
+    let mut table = TextTable::open(std::io::Cursor::new(text.clone()), OPTIONS)
+        .map_err(FileError::unread(path))?;
+    let names = table.next().ok().flatten().map(|(_, names)| names).unwrap_or_default();
+    let has = |column: &str| names.iter().any(|name| name == column);
+    let mut of_cells = COLUMNS.iter().zip(cells);
+    if let Some((column, _)) = of_cells.find(|(column, cell)| !cell.is_empty() && !has(column)) {
+        let (path, columns) = (path.display(), COLUMNS.join(","));
+        let what = format!("no column `{column}`; its first line is to be {columns}");
+        return Err(Failure::usage(format!("{path}: {what}")));
+    }
+    // one line each, whatever the note holds
+    let quoted = |cell: &String| match cell.contains([',', ';', '"', '#', '\n', '\r', '\t']) {
+        true => format!("\"{}\"", cell.replace('"', "\"\"").replace(['\n', '\r'], " ")),
+        false => cell.clone(),
+    };
+    let cell = |name: &str| COLUMNS.iter().position(|of| *of == name).map(|k| quoted(&cells[k]));
+    let line: Vec<String> = names.iter().map(|name| cell(name).unwrap_or_default()).collect();
+    text.extend(line.join(&char::from(table.delimiter).to_string()).into_bytes());
+    text.push(b'\n');
+    part_file::write(path, text).map_err(|e| FileError::unwritten(path)(e).into())
+}
+
+/// What is acknowledged in a directory of results; nothing where there is no such file. A file or a line that cannot
+/// be understood is told in `mistakes`.
+pub fn read(out: &Path) -> Acknowledged {
+    let path = out.join(ACKNOWLEDGED_NAME);
+    let mut all = Acknowledged::default();
+    let at = |line: u64, what: &str| {
+        let place = path.display();
+        printable::line(&format!("{place}, line {line}: {what}; the line counts for nothing"), 1000)
+    };
+    let read = if_there(regular_file::read(&path, MOST_BYTES));
+    let text = match read {
+        Ok(None) => return all,
+        Ok(Some(text)) => std::io::Cursor::new(text),
+        Err(e) => {
+            let what = format!("{}: cannot be read: {e}; nothing is acknowledged", path.display());
+            all.mistakes.push(what);
+            return all;
+        }
+    };
+    let Ok(mut table) = TextTable::open(text, OPTIONS) else {
+        all.mistakes.push(at(1, "is no text"));
+        return all;
+    };
+    let mut places: Option<[Option<usize>; COLUMNS.len()]> = None;
+    while all.mistakes.len() < MOST_MISTAKES {
+        let (line, record) = match table.next() {
+            Ok(None) => break,
+            Ok(Some(row)) => row,
+            Err(TextError::NoText { line }) => {
+                all.mistakes.push(at(line, "is not UTF-8 text: save the file as UTF-8"));
+                continue;
+            }
+            Err(TextError::Io(e)) => {
+                all.mistakes.push(at(1, &e.to_string()));
+                break;
+            }
+        };
+        if record.iter().all(str::is_empty) {
+            continue;
+        }
+        let Some(places) = &places else {
+            let found = COLUMNS.map(|column| record.iter().position(|name| name == column));
+            if found[0].is_none() {
+                let what = format!("no column `what`: the first line is {}", COLUMNS.join(","));
+                all.mistakes.push(at(line, &what));
+                break;
+            }
+            places = Some(found);
+            continue;
+        };
+        let cells = places.map(|place| place.and_then(|k| record.get(k)).unwrap_or_default());
+        if let Err(what) = all.add(cells) {
+            all.mistakes.push(at(line, &what));
+        }
+    }
+    all
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn whatever_lies_there_costs_no_more_than_its_lines() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join(ACKNOWLEDGED_NAME);
+        let mistakes = |text: &[u8]| {
+            std::fs::write(&path, text).unwrap();
+            read(dir.path()).mistakes
+        };
+        let header = COLUMNS.join(",");
+        assert!(read(dir.path()).mistakes.is_empty(), "no file");
+        assert!(mistakes(b"").is_empty());
+        assert!(mistakes(b"\0\xff\xfe PAR1")[0].contains("line 1"));
+        assert!(mistakes(b"a,b,c\n1,2,3\n")[0].contains("no column `what`"));
+        let mixed = format!("# ours\n{header}\nlost,x\n\ndamage,n1.mcap\nknown,,p,x\n");
+        let told = mistakes(mixed.as_bytes());
+        assert!(told[0].contains("line 3") && told[1].contains("line 6"), "{told:?}");
+        assert!(read(dir.path()).knows_recording("n1.mcap").is_some());
+        let quote = format!("{header}\ndamage,\"n1.mcap\n").into_bytes();
+        assert!(mistakes(&quote).len() <= 1);
+        std::fs::write(&path, header.repeat(2 << 20)).unwrap();
+        assert!(read(dir.path()).mistakes[0].contains("cannot be read"));
+    }
+
+    #[test]
+    fn a_line_that_is_written_is_read_again() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join(ACKNOWLEDGED_NAME);
+        let damage = ["damage", "b, c.mcap", "", "", "", "", "it is\n\"so\""].map(str::to_owned);
+        let known = ["known", "", "p", "7", "", "", ""].map(str::to_owned);
+        for by_hand in ["", "note;what;recording\nby hand;damage;a.mcap"] {
+            std::fs::write(&path, by_hand).unwrap();
+            append(&path, &damage).unwrap();
+            assert_eq!(read(dir.path()).knows_recording("b, c.mcap"), Some("it is \"so\""));
+            assert_eq!(append(&path, &known).is_ok(), by_hand.is_empty(), "a column is missing");
+            assert!(read(dir.path()).mistakes.is_empty());
+        }
+    }
+}
