@@ -4,6 +4,7 @@
 
 use crate::follow::{Follower, Growing, create, in_order};
 use crate::house::{HANGS, House};
+use crate::prometheus::families;
 use inkling::io::recording_writer::Compression;
 use serde_json::Value;
 use std::collections::BTreeSet;
@@ -125,6 +126,7 @@ fn what_is_followed_is_served_as_it_is_told_and_taken_up_again() {
     let metrics = got(&address, "/metrics").body;
     assert!(metric(&metrics, "inkling_open_faults") > 0.0, "{metrics}");
     assert!(metrics.contains("category=\""), "{metrics}");
+    assert!(families(&metrics).contains_key("inkling_known_faults"), "{metrics}");
 
     let mut events = Events::of(&address);
     growing.write_to(1.0);

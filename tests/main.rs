@@ -25,6 +25,7 @@ mod numbers; // tables of hostile numbers through the critique: an answer or a r
 mod own_classes; // own names for what the physics knows keep sizes
 mod pipeline; // messages that are repeated
 mod print_run; // recall and false alarms on a print run with known truth
+mod prometheus; // metrics as Prometheus reads them, and the rules for them
 mod promised; // what a design promises is what a replay does
 mod readers; // everything that reads what others wrote, for mutations and fuzzing
 mod readme; // every command of README and book as printed; their links and paths lead somewhere

@@ -7,12 +7,14 @@
 
 use super::exit::{Exit, Failure};
 use super::output;
+use super::progress::complain;
 use crate::report::{ACKNOWLEDGED_COLUMNS as COLUMNS, Acknowledged, acknowledged_time, clock};
 use clap::ArgGroup;
 use inkling_io::file_error::FileError;
+use inkling_io::journal::{self, Journal};
 use inkling_io::regular_file::{self, if_there};
 use inkling_io::table_text::{TextError, TextOptions, TextTable};
-use inkling_io::{journal, part_file, printable};
+use inkling_io::{part_file, printable};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
@@ -64,12 +66,20 @@ pub struct Args {
 pub fn run(args: Args) -> Result<Exit, Failure> {
     if !args.out.is_dir() {
         let out = args.out.display();
-        return Err(Failure::usage(format!("{out}: no directory of results: give that of a replay")));
+        return Err(Failure::usage(format!(
+            "{out}: no directory of results: give that of a replay"
+        )));
     }
     let cells = cells(&args)?;
     let mut checked = Acknowledged::default();
     checked.add(cells.each_ref().map(|cell| cell.as_str())).map_err(Failure::usage)?;
     append(&args.out.join(ACKNOWLEDGED_NAME), &cells)?;
+    let journal = Journal::read(&args.out).unwrap_or_default();
+    let mut recordings = journal.recordings();
+    let is_there = recordings.any(|of| checked.knows_recording(&of.recording.path).is_some());
+    if args.damage.is_some() && !is_there {
+        complain("warning: no recording that was judged here is called so");
+    }
     let [what, recording, printhead, channel, from, until, _] = &cells;
     let times = [("from", from), ("until", until)].into_iter().filter(|(_, time)| !time.is_empty());
     let times: String = times.map(|(word, time)| format!(" {word} {time}")).collect();
@@ -79,7 +89,11 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
         (recording, _) => recording.to_owned(),
     };
     let (of, place) = (printable::cell(&of), args.out.join(ACKNOWLEDGED_NAME));
-    writeln!(output::report(), "{what}: {of}{times}; remove its line in {} to undo it", place.display())?;
+    writeln!(
+        output::report(),
+        "{what}: {of}{times}; remove its line in {} to undo it",
+        place.display()
+    )?;
     Ok(Exit::Done)
 }
 
@@ -110,7 +124,8 @@ fn cells(args: &Args) -> Result<[String; COLUMNS.len()], Failure> {
         ("known", None) => journal::now(),
         (_, until) => time("--until", until)?,
     };
-    let cells = [what, recording, printhead, channel, &time("--from", &args.from)?, &until, &args.note];
+    let cells =
+        [what, recording, printhead, channel, &time("--from", &args.from)?, &until, &args.note];
     Ok(cells.map(str::to_owned))
 }
 

@@ -74,6 +74,11 @@ impl EarlierRun {
         Ok(EarlierRun { run: run.into(), now: lost::entries(tables), ..earlier })
     }
 
+    /// What was told of recordings, as `path` keeps it, in the place of an earlier run.
+    pub fn told(path: &Path, recordings: Vec<Row>, tables: &[Input]) -> EarlierRun {
+        EarlierRun { by: None, recordings, run: path.into(), now: lost::entries(tables) }
+    }
+
     /// Whether the earlier run has a row, with a verdict table, for the recording that the report calls
     /// `name`.
     fn named(&self, name: &str) -> bool {
@@ -118,9 +123,11 @@ pub struct ChangesSince<'a> {
     heads: Vec<&'a HeadChange>,
     /// Printheads, recordings and parts of recordings that were not judged since then, and why.
     unjudged: Vec<Unjudged>,
+    /// Recordings whose results came since and that are damaged, and how.
+    damaged: Vec<Unjudged>,
 }
 
-/// Something that was not judged since the earlier run.
+/// Something that was not judged since the earlier run, or not whole.
 #[derive(Serialize)]
 struct Unjudged {
     /// Name of a printhead or of a recording.
@@ -166,8 +173,13 @@ impl<'a> ChangesSince<'a> {
         let lost = lost.filter(|lost| !earlier.reported_lost(&lost.name));
         let lost = lost.map(|lost| Unjudged::new(&lost.name, &lost.why));
         let unjudged = silent.chain(gaps).chain(lost).collect();
+
+        // and what of the recordings since is damaged
+        let damaged = lines.iter().filter(|of| of.is_damaged && !of.is_known);
+        let damaged = damaged.filter(|line| !has_results(&line.name));
+        let damaged = damaged.map(|line| Unjudged::new(&line.name, &line.flaws)).collect();
         let heads = report.head_changes.iter().filter(|of| !has_results(&of.recording)).collect();
-        Ok(ChangesSince { run: &earlier.run, changes, heads, unjudged })
+        Ok(ChangesSince { run: &earlier.run, changes, heads, unjudged, damaged })
     }
 
     /// The changes as JSON. Its key `still` has the number of faults that are on as before.
@@ -181,6 +193,7 @@ impl<'a> ChangesSince<'a> {
             "still": still,
             "unjudged": self.unjudged,
             "heads": self.heads.iter().map(|of| head_as_json(of)).collect::<Value>(),
+            "damaged": self.damaged,
         });
         for (key, _, faults) in &self.changes.kinds {
             document[key] = faults.iter().map(|fault| as_json(fault)).collect();
@@ -215,6 +228,7 @@ impl<'a> ChangesSince<'a> {
             format!("{}: {}", printable::line(what, 200), printable::line(why, 600))
         };
         list(out, "not judged", self.unjudged.iter().map(line))?;
+        list(out, "damaged", self.damaged.iter().map(line))?;
         let no_fault = self.changes.kinds.iter().all(|(.., faults)| faults.is_empty());
         if *recordings > 0 && no_fault && self.heads.is_empty() {
             writeln!(out, "no change, of what was judged")?;
@@ -252,7 +266,7 @@ pub fn head_as_json(of: &HeadChange) -> Value {
 }
 
 /// A fault as JSON. The keys are names of columns of `report.faults.parquet`, though not of all; times are
-/// text here.
+/// text here. `acknowledged`: the note of whoever knows the fault; null: nobody does.
 pub fn as_json(fault: &Fault) -> serde_json::Value {
     let story = &fault.story;
     json!({

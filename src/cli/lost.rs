@@ -23,11 +23,7 @@ use std::sync::Arc;
 
 /// The lost recordings of the directories in which `tables` lie. `unread`: sentences about tables that could
 /// not be read; `acknowledged`: what is no news.
-pub fn of(
-    tables: &[Input],
-    unread: &[String],
-    acknowledged: &Acknowledged,
-) -> Vec<LostRecording> {
+pub fn of(tables: &[Input], unread: &[String], acknowledged: &Acknowledged) -> Vec<LostRecording> {
     // the directories that the user named, and the directories of results at or above them
     let named: BTreeSet<PathBuf> = tables.iter().filter_map(named).collect();
     let out: BTreeSet<PathBuf> = named.iter().filter_map(|dir| results_above(dir)).collect();
@@ -36,8 +32,9 @@ pub fn of(
     let is_named = |place: &Path| named.iter().any(|dir| place.starts_with(dir));
     let failed = out.iter().flat_map(|out| failed(out, is_named));
     let mut lost: Vec<LostRecording> = failed
-        .map(|(path, lost)| {
-            LostRecording { known: acknowledged.knows_recording(&path).is_some(), ..lost }
+        .map(|(path, lost)| LostRecording {
+            known: acknowledged.knows_recording(&path).is_some(),
+            ..lost
         })
         .collect();
 

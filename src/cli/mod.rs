@@ -16,6 +16,7 @@
 //! score      score scored score_critiques                results, copies
 //! convert    convert
 //! simulate   simulate
+//! night      night metrics                               replay, report_page, changes_since
 //! acknowledge acknowledge                           (its table is read by replay and report)
 //! generate   generate
 //! several    effect (refuses --set without effect), exit, output, progress
@@ -44,6 +45,8 @@ pub mod judge;
 mod ledger;
 mod live;
 mod lost;
+mod metrics;
+mod night;
 mod notes;
 mod output;
 mod plan;
@@ -82,6 +85,7 @@ use std::sync::atomic::Ordering;
   inkling replay logs/ --design design.json --identify windows
   inkling train library.mcap --labels labels.csv -o design.json
   inkling report verdicts/ -o report.html         what to clean, since when
+  inkling night                                   both, and what changed: a line of cron
   inkling score verdicts/ --labels labels.csv
   inkling simulate scenario.toml -o run/
 
@@ -118,6 +122,8 @@ enum Verb {
     Inspect(inspect::Args),
     /// What to clean, since when, and how far to trust it: one page over any number of recordings
     Report(report_page::Args),
+    /// The nightly job in one command, from pipeline.toml: replay with the state, page, what changed
+    Night(night::Args),
     /// Say what is known of results: a damaged file, a replaced channel, a fault; it is no news any more
     Acknowledge(acknowledge::Args),
     /// The thesis's chapter 4 again: its tables beside ours, any seeds
@@ -138,11 +144,14 @@ impl Verb {
     /// Runs the verb with its options.
     fn run(self) -> Result<Exit, Failure> {
         // the others look at a control
-        if matches!(self, Verb::Convert(_)
+        if matches!(
+            self,
+            Verb::Convert(_)
                 | Verb::Score(_)
                 | Verb::Acknowledge(_)
                 | Verb::Thesis(_)
-                | Verb::Generate(_)) {
+                | Verb::Generate(_)
+        ) {
             progress::end_when_asked();
         }
         match self {
@@ -155,6 +164,7 @@ impl Verb {
             Verb::Score(args) => score::run(args),
             Verb::Inspect(args) => inspect::run(args),
             Verb::Report(args) => report_page::run(args),
+            Verb::Night(args) => night::run(args),
             Verb::Acknowledge(args) => acknowledge::run(args),
             Verb::Thesis(args) => thesis::run(args),
             Verb::Generate(args) => generate::run(args, Cli::command()),

@@ -8,7 +8,9 @@
 //! ([`Planner::chain`], by `pipeline::chain`).
 
 use super::account::{RUN_NAME, Row};
+use super::acknowledge::ACKNOWLEDGED_NAME;
 use super::exit::{Exit, Failure};
+use super::night::{NIGHT_NAME, PAGE_NAME};
 use super::output;
 use super::progress::{Progress, thousands};
 use super::report::printable_path;
@@ -77,13 +79,20 @@ pub fn lost(e: &InputsError) -> Row {
 }
 
 /// Removes the unfinished files (`.part`) that killed runs left in the directories to which this
-/// run writes: those of verdicts, episodes, summaries and `run.json`.
+/// run writes: those of verdicts, episodes, summaries and `run.json`, and those of a night.
 pub fn sweep(jobs: &[Job], out: &Path) {
     let files = jobs.iter().flat_map(|job| resume::files(&job.verdicts_in(out)));
     let dirs = files.filter_map(|file| file.parent().map(Path::to_path_buf));
     let dirs: BTreeSet<PathBuf> = dirs.chain([out.into()]).collect();
-    let endings = [".verdicts.parquet", ".episodes.parquet", ".summary.json", ".annotations.mcap"];
-    let ours = |name: &str| name == RUN_NAME || endings.iter().any(|end| name.ends_with(end));
+    let endings = [
+        ".verdicts.parquet",
+        ".episodes.parquet",
+        ".summary.json",
+        ".annotations.mcap",
+        ".faults.parquet",
+    ];
+    let names = [RUN_NAME, NIGHT_NAME, PAGE_NAME, ACKNOWLEDGED_NAME];
+    let ours = |name: &str| names.contains(&name) || endings.iter().any(|end| name.ends_with(end));
     for dir in &dirs {
         part_file::sweep(dir, ours);
     }

@@ -16,6 +16,7 @@ use crate::report::{self, Fault, Report};
 use crate::settings::Settings;
 use inkling_core::verdict::Reason;
 use inkling_io::column_types::TimestampUnit;
+use inkling_io::inputs::Input;
 use inkling_io::journal::JOURNAL_NAME;
 use inkling_io::outputs::{self, ResultFile};
 use inkling_io::row_table::{self, Column, Kind};
@@ -77,9 +78,6 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
         return Err(Failure::usage(format!("--set {}: {what}", printable::cell(other))));
     }
     let settings = Settings::load(args.config.as_deref(), None, &args.set)?;
-    // actions may be given for classes of the recordings and for classes that the settings declare
-    let declared = settings.isolate.classes.into_keys().collect::<Vec<_>>();
-    let settings = settings.report;
     let page = args.output.as_deref().map(Page::at).transpose()?;
     let account = account_of(&args.out)?;
 
@@ -87,24 +85,10 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     let found = results::find(&args.out, "a report")?;
     let earlier =
         args.changes_since.as_deref().map(|run| EarlierRun::read(run, &found)).transpose()?;
-    let progress = Progress::new(1, 0);
-    let read = results::read(&found, &settings, true, &progress, &interruptible())?;
-
-    // the actions can only be checked now that the classes of the recordings are known
-    let own = read.classes.iter().chain(&declared).map(String::as_str);
-    settings.check_actions(own).map_err(Failure::usage)?;
-
-    // 3. tell what could not be read
-    for note in &read.notes {
-        progress.say(&format!("warning: {note}"));
-    }
-    let failed = read.failed.iter().cloned();
-    for failure in first_few(failed, MOST_TOLD, |more| format!("and {more} more")) {
-        progress.fail(&format!("inkling: {failure}"));
-    }
+    let read = read(&found, &settings)?;
     let since = earlier.as_ref().map(|earlier| ChangesSince::of(earlier, &read.report));
     let since = since.transpose()?;
-    // 4. files first, then stdout
+    // 3. files first, then stdout
     page.iter().try_for_each(|page| page.write(&read.report))?;
     if let Some(account) = &account {
         write_json(account, &read.report.account())?;
@@ -128,8 +112,27 @@ fn account_of(out: &[String]) -> Result<Option<PathBuf>, Failure> {
     Ok(Some(account))
 }
 
+/// Reads the results of these tables, and tells what could not be read.
+pub fn read(found: &[Input], settings: &Settings) -> Result<ReadReport, Failure> {
+    let progress = Progress::new(1, 0);
+    let read = results::read(found, &settings.report, true, &progress, &interruptible())?;
+
+    // The actions can only be checked now that the classes of the recordings are known. There may be some for these,
+    // and for classes that the settings declare.
+    let own = read.classes.iter().chain(settings.isolate.classes.keys()).map(String::as_str);
+    settings.report.check_actions(own).map_err(Failure::usage)?;
+    for note in &read.notes {
+        progress.say(&format!("warning: {note}"));
+    }
+    let failed = read.failed.iter().cloned();
+    for failure in first_few(failed, MOST_TOLD, |more| format!("and {more} more")) {
+        progress.fail(&format!("inkling: {failure}"));
+    }
+    Ok(read)
+}
+
 /// The files of the result: the page, and the table of faults beside it.
-struct Page<'a> {
+pub struct Page<'a> {
     page: &'a Path,
     table: PathBuf,
 }
@@ -137,7 +140,7 @@ struct Page<'a> {
 impl<'a> Page<'a> {
     /// Checks that both files may be written (that neither is something that inkling did not
     /// write), without writing them.
-    fn at(page: &'a Path) -> Result<Page<'a>, Failure> {
+    pub fn at(page: &'a Path) -> Result<Page<'a>, Failure> {
         if !page.extension().is_some_and(|e| e == "html" || e == "htm") {
             let name = page.display();
             return Err(Failure::usage(format!("{name}: the result is a page: give a name.html")));
@@ -149,7 +152,7 @@ impl<'a> Page<'a> {
     }
 
     /// Writes the table, then the page.
-    fn write(&self, report: &Report) -> Result<(), Failure> {
+    pub fn write(&self, report: &Report) -> Result<(), Failure> {
         write_faults(&self.table, &report.faults).map_err(Failure::new)?;
         write_text(self.page, &report::html(report))
     }

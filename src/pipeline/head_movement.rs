@@ -6,7 +6,7 @@
 
 use crate::report::clock;
 use crate::settings::IdentifySettings;
-use inkling_core::state::{Features, Head, Replaced};
+use inkling_core::state::{Features, Head, OtherChannel};
 use serde::Serialize;
 use std::sync::Arc;
 
@@ -51,8 +51,8 @@ pub struct ReplacedChannel {
     pub frequency: f64,
 }
 
-impl From<Replaced> for ReplacedChannel {
-    fn from(of: Replaced) -> ReplacedChannel {
+impl From<OtherChannel> for ReplacedChannel {
+    fn from(of: OtherChannel) -> ReplacedChannel {
         let [amplitude, damping, frequency, _] = of.by.map(f64::exp_m1).into();
         ReplacedChannel {
             channel: of.channel,

@@ -118,6 +118,8 @@ struct FaultNow<'a> {
     ended_at: Option<String>,
     urgency: f64,
     action: &'a str,
+    /// The note of whoever acknowledged that the fault is known.
+    acknowledged: Option<&'a str>,
 }
 
 impl Report {
@@ -231,6 +233,7 @@ fn of_fault<'a>(of: &'a Fault, lines: &BTreeMap<usize, &'a RecordingLine>) -> St
             ended_at: story.ended_at_ns.map(rfc3339),
             urgency: of.urgency,
             action: &of.action,
+            acknowledged: story.known.as_deref(),
         }),
         ..Statement::new(if of.is_open() { Kind::Fault } else { Kind::PastFault }, &of.sentence)
     }

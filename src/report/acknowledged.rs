@@ -145,7 +145,7 @@ pub fn time(column: &str, text: &str) -> Result<Option<i64>, String> {
 
 /// How a note is told behind what it is about.
 pub fn in_words(note: &str) -> String {
-    if note.is_empty() { "acknowledged".into() } else { format!("acknowledged: {note}") }
+    if note.is_empty() { "acknowledged".into() } else { format!("acknowledged ({note})") }
 }
 
 #[cfg(test)]

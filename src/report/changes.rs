@@ -82,7 +82,10 @@ impl<'a> Changes<'a> {
         // The order of the cases matters: each fault counts once, and a new one is not also worse.
         let kind = |story: &Story| {
             let was_known = story.spells.iter().any(|of| known.contains(&of.recording));
-            let is_worse = certain_trend(story).is_some_and(|t| t.direction() == Direction::Worse);
+            // a trend that no recording since then adds to was told before
+            let is_seen = story.spells.iter().any(|of| !known.contains(&of.recording));
+            let is_worse =
+                is_seen && certain_trend(story).is_some_and(|t| t.direction() == Direction::Worse);
             match story.ended_at_ns {
                 Some(end) if end > known_to_ns => "cured",
                 Some(_) => "ended within the earlier recordings",

@@ -109,8 +109,10 @@ impl Coverage {
         Coverage {
             acknowledged: (sources.iter().filter(is_known).count() + lost_known) as u64,
             acknowledged_not_judged: known.map(|(recording, _)| rejected(recording)).sum(),
-            acknowledged_not_whole: sources.iter().filter(|of| is_known(of) && !is_whole(of)).count()
-                as u64,
+            acknowledged_not_whole: sources
+                .iter()
+                .filter(|of| is_known(of) && !is_whole(of))
+                .count() as u64,
             gaps: [gaps(survey, sources), not_measured(survey, sources), doubtful(survey, sources)]
                 .concat(),
             lost,

@@ -94,6 +94,8 @@ pub struct RecordingLine {
     /// What is wrong with the data, in words; empty if nothing is.
     pub flaws: String,
     pub is_damaged: bool,
+    /// Whether somebody has acknowledged that.
+    pub is_known: bool,
     pub has_episodes: bool,
     /// Counts by printhead.
     pub heads: BTreeMap<Arc<str>, HeadCount>,
@@ -243,6 +245,7 @@ fn lines(sources: &[Source], survey: &Survey) -> Vec<RecordingLine> {
             judged: heads.values().map(|h| h.tally.judged).sum(),
             flaws: source.flaws(),
             is_damaged: source.damaged_places() > 0,
+            is_known: source.known.is_some(),
             has_episodes: source.has_episodes(),
             heads,
         }

@@ -22,8 +22,11 @@ const BATCH_ROWS: usize = 8192;
 /// A table with more rows is refused: no run writes so many episodes.
 const MOST_ROWS: usize = 1 << 24;
 
-/// The columns in the table's order. Their names are those of [`Episode`]'s fields.
-static COLUMNS: [Column; 18] = [
+/// From `began_at` to `ended_at`, s: for databases that cannot subtract times of nanoseconds.
+const DURATION: &str = "duration_s";
+
+/// The columns in the table's order. Their names are those of [`Episode`]'s fields, but for [`DURATION`].
+static COLUMNS: [Column; 19] = [
     Column::required("recording", Kind::Name),
     Column::required("printhead", Kind::Name),
     Column::required("channel", Kind::Count),
@@ -41,6 +44,7 @@ static COLUMNS: [Column; 18] = [
     Column::nullable("resonance_hz", Kind::Number),
     Column::nullable("damping_per_s", Kind::Number),
     Column::nullable("reason", Kind::Name),
+    Column::nullable(DURATION, Kind::Seconds),
     Column::required("explanation", Kind::Text),
 ];
 
@@ -68,8 +72,12 @@ impl EpisodeWriter {
     /// Appends episodes. The recording that an episode names is replaced by the table's own.
     pub fn write(&mut self, episodes: Vec<Episode>) -> Result<(), TableError> {
         for episode in episodes {
+            let seconds =
+                episode.ended_at_ns.map(|end| end.saturating_sub(episode.began_at_ns) as f64 / 1e9);
             let of_it = Episode { recording: self.recording.clone(), ..episode };
-            let row = serde_json::to_value(of_it).map_err(|e| TableError::wrong(&self.path, e))?;
+            let mut row =
+                serde_json::to_value(of_it).map_err(|e| TableError::wrong(&self.path, e))?;
+            row[DURATION] = seconds.into();
             self.waiting.push(row);
         }
         if self.waiting.len() >= BATCH_ROWS { self.flush() } else { Ok(()) }
@@ -98,14 +106,15 @@ pub fn path_beside(verdicts: &Path) -> PathBuf {
 pub fn read(path: &Path) -> Result<Vec<Episode>, TableError> {
     let batches = open(path)?.with_batch_size(BATCH_ROWS).build();
     let mut batches = batches.map_err(TableError::parquet(path))?;
-    let mut episodes = Vec::new();
+    let (mut episodes, fields) = (Vec::new(), COLUMNS.iter().filter(|of| of.name != DURATION));
+    let fields: Vec<Column> = fields.copied().collect();
     while let Some(batch) = next_batch(path, &mut batches) {
         let batch = batch?;
         let unfit = |what| TableError::wrong(path, format!("not an episode table: {what}"));
         if episodes.len() + batch.num_rows() > MOST_ROWS {
             return Err(unfit(format!("it has more than {MOST_ROWS} rows")));
         }
-        episodes.extend(row_table::rows::<Episode>(&COLUMNS, &batch).map_err(unfit)?);
+        episodes.extend(row_table::rows::<Episode>(&fields, &batch).map_err(unfit)?);
     }
     Ok(episodes)
 }

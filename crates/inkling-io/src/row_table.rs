@@ -12,7 +12,7 @@ use super::part_file::{CompleteFile, PartFile};
 use super::verdict_table::{METADATA_KEY, TableError};
 use arrow_array::builder::StringDictionaryBuilder;
 use arrow_array::types::Int32Type;
-use arrow_array::{ArrayRef, Float32Array, RecordBatch, StringArray, UInt32Array};
+use arrow_array::{ArrayRef, Float32Array, Float64Array, RecordBatch, StringArray, UInt32Array};
 use arrow_schema::{ArrowError, DataType, Field, Schema, SchemaRef};
 use parquet::arrow::ArrowWriter;
 use parquet::basic::{Compression, ZstdLevel};
@@ -43,6 +43,8 @@ pub enum Kind {
     Time,
     /// An f32.
     Number,
+    /// An f64: seconds.
+    Seconds,
 }
 
 impl Column {
@@ -61,6 +63,7 @@ impl Column {
             Kind::Count => DataType::UInt32,
             Kind::Time => time(unit),
             Kind::Number => DataType::Float32,
+            Kind::Seconds => DataType::Float64,
         };
         Field::new(self.name, data_type, self.nullable)
     }
@@ -84,6 +87,7 @@ impl Column {
                 let numbers = cells.map(|cell| cell.as_f64().map(|v| v as f32));
                 Arc::new(numbers.collect::<Float32Array>())
             }
+            Kind::Seconds => Arc::new(cells.map(Value::as_f64).collect::<Float64Array>()),
         }
     }
 
@@ -95,7 +99,7 @@ impl Column {
             Kind::Name | Kind::Text => json(of.texts()?.cells()),
             Kind::Count => json(of.whole::<u32>()?),
             Kind::Time => json(of.times()?),
-            Kind::Number => json(of.numbers()?),
+            Kind::Number | Kind::Seconds => json(of.numbers()?),
         };
         match cells.iter().any(Value::is_null) && !self.nullable {
             true => Err(of.has_null()),

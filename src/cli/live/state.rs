@@ -7,13 +7,13 @@
 //! of episodes those that are on. A number counts the changes, by which a waiting thread knows
 //! whether there is something new ([`State::wait`]).
 
-use super::super::output::episode_event;
+use crate::cli::metrics::{self, Found};
+use crate::cli::output::episode_event;
 use crate::pipeline::{EpisodeEvent, is_same, rfc3339};
 use inkling_core::episodes::{Episode, size_in_words};
 use inkling_core::verdict::{Outcome, Part, Reason, Verdicts};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
-use std::fmt::Write;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
@@ -143,46 +143,22 @@ impl State {
     /// The metrics in Prometheus's text format.
     pub fn metrics(&self, behind_bytes: u64) -> String {
         let status = self.status();
-        let mut open: BTreeMap<(&str, &str), u64> = BTreeMap::new();
-        // each printhead has a series of value 0 under an empty category, so that one without faults is
-        // there, too
-        open.extend(status.heads.keys().map(|head| ((&**head, ""), 0)));
+        let mut found = Found {
+            signals: status.signals,
+            rejected: status.rejected.clone(),
+            newest_ns: status.newest_ns,
+            ..Found::default()
+        };
+        found.open.extend(status.heads.keys().map(|head| ((&**head, ""), 0)));
         for ((head, _), fault) in &status.faults {
-            *open.entry((head, fault.category.as_deref().unwrap_or("not_named"))).or_default() += 1;
+            let category = metrics::category(fault.category.as_deref());
+            *found.open.entry((head, category)).or_default() += 1;
         }
-        let mut text = String::new();
-
-        // writes one family of metrics: its help, its type, and a line for each series
-        let mut family = |name: &str, kind: &str, help: &str, lines: Vec<(String, f64)>| {
-            let _ = writeln!(text, "# HELP {name} {help}\n# TYPE {name} {kind}");
-            for (labels, value) in lines {
-                let _ = writeln!(text, "{name}{labels} {value}");
-            }
-        };
-        let of_head = |((head, category), n): ((&str, &str), u64)| {
-            let (head, category) = (escaped(head), escaped(category));
-            (format!("{{printhead=\"{head}\",category=\"{category}\"}}"), n as f64)
-        };
-        let open = open.into_iter().map(of_head).collect();
-        family("inkling_open_faults", "gauge", "Channels with a fault that is on.", open);
-        let plain = |value: f64| vec![(String::new(), value)];
-        let signals = plain(status.signals as f64);
-        family("inkling_signals_total", "counter", "Signals judged or rejected.", signals);
-        let of_reason =
-            |(reason, n): (&&str, &u64)| (format!("{{reason=\"{reason}\"}}"), *n as f64);
-        let rejected = status.rejected.iter().map(of_reason).collect();
-        family("inkling_rejected_total", "counter", "Signals that could not be judged.", rejected);
-        let newest = status.newest_ns.map_or(Vec::new(), |ns| plain(ns as f64 / 1e9));
-        family("inkling_newest_burst_seconds", "gauge", "t_a of the newest burst judged.", newest);
-        let behind = plain(behind_bytes as f64);
-        family("inkling_behind_bytes", "gauge", "Recorded, and not read yet.", behind);
-        text
+        let mut metrics = found.metrics();
+        let help = "Recorded, and not read yet.";
+        metrics.one("inkling_behind_bytes", "gauge", help, behind_bytes as f64);
+        metrics.text
     }
-}
-
-/// A text as the value of a label in Prometheus's format.
-fn escaped(text: &str) -> String {
-    text.replace('\\', "\\\\").replace('"', "\\\"").replace('\n', "\\n")
 }
 
 impl RecordingStatus {

@@ -7,7 +7,7 @@ use std::path::PathBuf;
 pub const PRESETS: [&str; 1] = ["thesis"];
 
 // The `///` of the fields below are the help text of the options, and no comments.
-#[derive(Debug, clap::Args)]
+#[derive(Debug, Default, clap::Args)]
 #[command(after_help = "Examples:
   inkling replay
       the recordings, the design and the output that ./pipeline.toml names
@@ -100,4 +100,16 @@ pub struct Args {
     /// One JSON line per recording and one for the run, instead of text
     #[arg(long)]
     pub(super) json: bool,
+}
+
+impl Args {
+    /// What `inkling night` asks for: everything else the settings say.
+    pub fn of_night(recordings: Vec<String>, config: PathBuf, set: Vec<String>) -> Args {
+        Args { recordings, config: Some(config), set, ..Args::default() }
+    }
+
+    /// Keeps the state in this file.
+    pub fn keep_state(&mut self, baseline: PathBuf) {
+        self.baseline = Some(baseline);
+    }
 }

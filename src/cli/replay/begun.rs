@@ -30,7 +30,7 @@ pub struct Begun {
 
 impl Begun {
     pub fn by(args: &Args) -> Begun {
-        let asked = settings::asked(args).filter(|_| !args.dry_run);
+        let asked = settings::settings_of(args).ok().filter(|_| !args.dry_run);
         let (out, named) =
             asked.map(|of| (PathBuf::from(of.output.dir), of.input.recordings)).unzip();
         Begun {

@@ -14,7 +14,7 @@ mod begun;
 mod settings;
 
 pub use args::{Args, PRESETS};
-pub use settings::judging;
+pub use settings::{judging, settings_of};
 
 use super::account::{Account, RUN_NAME, Row, UnreadFile};
 use super::acknowledge;

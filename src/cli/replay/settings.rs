@@ -47,10 +47,9 @@ pub fn with_design(args: &Args) -> Result<(Settings, Option<DesignAndDigest>), F
     Err(Failure::usage(format!("{option}: {what}")))
 }
 
-/// The settings that the command line asks for, without those that the design keeps; `None`: there is a mistake
-/// in them.
-pub fn asked(args: &Args) -> Option<Settings> {
-    settings(args, &[]).ok()
+/// The settings that the command line asks for, without those that the design keeps.
+pub fn settings_of(args: &Args) -> Result<Settings, Failure> {
+    settings(args, &[])
 }
 
 /// The settings together with those that the design keeps from its training. With a preset these

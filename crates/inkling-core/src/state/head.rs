@@ -45,7 +45,7 @@ pub struct OwnLevel {
 
 /// A channel that is another one since a pause.
 #[derive(Clone, Copy, Debug)]
-pub struct Replaced {
+pub struct OtherChannel {
     pub channel: u32,
     /// The first look at it, ns.
     pub since_ns: i64,
@@ -365,14 +365,14 @@ impl Head {
     /// Channels that ring otherwise than before a pause, as another channel in their place would: not by the
     /// first look alone, but where the mean of the looks since lies beyond what a channel moves by from day to
     /// day ([`DRIFTED`]).
-    pub fn replaced(&self) -> impl Iterator<Item = Replaced> {
+    pub fn replaced(&self) -> impl Iterator<Item = OtherChannel> {
         let of_looks = self.noise() * process::BETWEEN.powi(2);
         self.replaced.iter().filter_map(move |(&channel, &(since_ns, before))| {
             let now = self.channels.get(&channel)?.healthy();
             let variance = of_looks * 2.0 + self.noise() / now.looks.max(f64::MIN_POSITIVE);
             let by = now.mean() - before;
             let is_other = by.component_div(&variance.map(f64::sqrt)).norm_squared() > DRIFTED;
-            (is_other && now.looks >= process::FEW).then(|| Replaced {
+            (is_other && now.looks >= process::FEW).then(|| OtherChannel {
                 channel,
                 since_ns,
                 by: self.kind.from * by,

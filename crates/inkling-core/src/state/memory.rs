@@ -212,12 +212,15 @@ mod tests {
         };
         let mut memory = Memory::new(None);
         memory.printheads = ["a", "b"].map(|name| (name.to_owned(), head())).into();
-        let of = |printhead: &str, channel, from_ns| {
-            Replaced { printhead: printhead.into(), channel, from_ns }
+        let of = |printhead: &str, channel, from_ns| Replaced {
+            printhead: printhead.into(),
+            channel,
+            from_ns,
         };
         let replaced = [of("a", Some(2), 10), of("b", None, 20)];
         let left = |memory: &Memory| {
-            let of_head = |(name, of): (&String, &HeadMemory)| format!("{name}{}", of.channels.len());
+            let of_head =
+                |(name, of): (&String, &HeadMemory)| format!("{name}{}", of.channels.len());
             memory.printheads.iter().map(of_head).collect::<Vec<_>>()
         };
         memory.begin_anew(&replaced, 9);

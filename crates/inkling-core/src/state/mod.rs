@@ -26,6 +26,6 @@ pub mod process;
 mod tests;
 
 pub use channel::{Channel, Sum};
-pub use head::{Head, Look, OwnLevel, Replaced, SweepOutcome};
+pub use head::{Head, Look, OtherChannel, OwnLevel, SweepOutcome};
 pub use kind::{Features, Kind};
 pub use memory::{HeadMemory, Memory, Replaced};
