@@ -34,6 +34,7 @@ mod report; // sixty recordings are six lines with their onsets
 mod several; // faults at once, and faults that grow
 mod stops; // the first request to end ends every verb
 mod tables; // tables as others read them: rings in every mode
+mod tellers; // page, list, JSON and tables tell one account, which rows stand behind
 mod thesis_tables; // the thesis's methods by settings; its chapter 4 on own recordings
 mod transcripts; // what commands say and leave, session by session, as text in golden/
 mod wire; // code of messages = schemas

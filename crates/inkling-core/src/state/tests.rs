@@ -370,7 +370,7 @@ fn slight_faults_in_some_of_a_channels_first_looks_teach_little() {
 
 #[test]
 fn channels_that_were_replaced_in_a_pause_begin_anew() {
-    for replaced in [1, 3, 24] {
+    for replaced in [0, 1, 3, 24] {
         let mut world = World::new(14, 24);
         world.run(40);
         world.t_ns += DAY;
@@ -382,5 +382,13 @@ fn channels_that_were_replaced_in_a_pause_begin_anew() {
             let good = looks > 8.0 && in_noises(off) < 3.5;
             assert!(good, "{replaced} replaced: {channel} {looks} {off}");
         }
+        // they are told, and no others; where all are, it is another head
+        let told: Vec<u32> = world.head.replaced().map(|of| of.channel).collect();
+        let fewest = match replaced {
+            0 | 24 => 0,
+            _ => 1,
+        };
+        let is_right = told.iter().all(|&k| replaced < 24 && (k as usize) < replaced);
+        assert!(is_right && told.len() >= fewest, "{replaced} replaced: {told:?}");
     }
 }
