@@ -24,6 +24,7 @@ use inkling_io::recording::Recording;
 use inkling_io::verdict_table::VerdictWriter;
 use inkling_io::{labels_file, stored, summary_file};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::time::Instant;
 
 impl Run<'_> {
@@ -56,10 +57,12 @@ impl Run<'_> {
         let mut warnings = results.temperatures.warnings();
         warnings.extend(judges.wide_thresholds());
         let identify = &replay.settings.identify;
-        warnings.extend(moved.iter().flat_map(|of| {
+        let changes = moved.iter().flat_map(|of| {
             let told = of.warnings(identify).into_iter();
             told.map(|what| (of.printhead.clone(), what))
-        }));
+        });
+        let head_changes: Vec<(Arc<str>, String)> = changes.collect();
+        warnings.extend(head_changes.iter().cloned());
 
         // 3. damage, and what makes the recording fail
         recording.check_read()?;
@@ -88,6 +91,7 @@ impl Run<'_> {
             odd_times,
             moved,
             warnings,
+            head_changes,
             models: judges.models().len(),
             seconds: 0.0,
             verdicts: verdicts.map(Path::to_path_buf).unwrap_or_default(),

@@ -66,6 +66,8 @@ pub struct RecordingReport {
     pub moved: Vec<HeadMovement>,
     /// Printheads, each with what to know about its verdicts.
     pub warnings: Vec<(Arc<str>, String)>,
+    /// Those of them about what all channels of a printhead did, or what its channels are.
+    pub head_changes: Vec<(Arc<str>, String)>,
     pub models: usize,
     pub seconds: f64,
     /// Path of the verdict table; empty: the rows stay in memory.
@@ -119,6 +121,7 @@ impl RecordingReport {
         say("timings", json!(self.timings));
         let warning = |(printhead, what): &(Arc<str>, String)| json!({"printhead": &**printhead, "what": what});
         say("warnings", self.warnings.iter().map(warning).collect());
+        say("head_changes", self.head_changes.iter().map(warning).collect());
         say("episodes", json!(self.episodes.counts));
         say("moved_together", json!(self.moved));
         if let Some(memory) = &self.baselines {

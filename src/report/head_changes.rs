@@ -2,7 +2,7 @@
 //! another printhead of the name, a replaced channel, a clock that was set. It stands before the faults, since it
 //! explains them.
 //!
-//! In: the warnings about printheads and their times in the recordings' summaries. Out: [`HeadChange`]s, the newest first.
+//! In: `head_changes` and `odd_times` of the recordings' summaries. Out: [`HeadChange`]s, the newest first.
 
 use super::RecordingLine;
 use super::night::last_night;
@@ -30,7 +30,7 @@ pub fn of(lines: &[RecordingLine], sources: &[Source]) -> Vec<HeadChange> {
     let from_ns = last_night(&spans, to_ns);
     let of_line = |line: &RecordingLine| {
         let document = &sources[line.source].document;
-        let told = ["odd_times", "warnings"].map(|key| document[key].as_array());
+        let told = ["odd_times", "head_changes"].map(|key| document[key].as_array());
         let change = |told: &serde_json::Value| {
             Some(HeadChange {
                 printhead: told["printhead"].as_str()?.into(),

@@ -14,8 +14,16 @@ use std::path::{Path, PathBuf};
 
 /// The models of a long recording and all damage that a summary lists take less.
 const MOST_BYTES: u64 = 64 << 20;
-const OF_RECORDING: [&str; 8] =
-    ["recording", "counts", "expected", "classes", "not_judged", "unread", "odd_times", "warnings"];
+const OF_RECORDING: [&str; 8] = [
+    "recording",
+    "counts",
+    "expected",
+    "classes",
+    "not_judged",
+    "unread",
+    "odd_times",
+    "head_changes",
+];
 const OF_MODEL: [&str; 4] = ["printhead", "valid_from", "temperature_c", "poles"];
 
 /// The summary that belongs to a verdict table: `<stem>.verdicts.parquet` gives `<stem>.summary.json`.
