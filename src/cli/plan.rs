@@ -14,6 +14,7 @@ use super::night::{NIGHT_NAME, PAGE_NAME};
 use super::output;
 use super::progress::{Progress, thousands};
 use super::report::printable_path;
+use super::report_page::ACCOUNT_NAME;
 use crate::pipeline::chain::{self, GoOn};
 use crate::pipeline::resume::{self, Resume};
 use crate::pipeline::visit::Pass;
@@ -91,7 +92,7 @@ pub fn sweep(jobs: &[Job], out: &Path) {
         ".annotations.mcap",
         ".faults.parquet",
     ];
-    let names = [RUN_NAME, NIGHT_NAME, PAGE_NAME, ACKNOWLEDGED_NAME];
+    let names = [RUN_NAME, ACCOUNT_NAME, NIGHT_NAME, PAGE_NAME, ACKNOWLEDGED_NAME];
     let ours = |name: &str| names.contains(&name) || endings.iter().any(|end| name.ends_with(end));
     for dir in &dirs {
         part_file::sweep(dir, ours);

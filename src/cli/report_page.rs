@@ -91,6 +91,8 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     // 3. files first, then stdout
     page.iter().try_for_each(|page| page.write(&read.report))?;
     if let Some(account) = &account {
+        // what a killed run left of it
+        part_file::sweep(Path::new(&args.out[0]), |name| name == ACCOUNT_NAME);
         write_json(account, &read.report.account())?;
     }
     match args.json {

@@ -8,7 +8,7 @@ use super::judges::Judges;
 use super::resume::effective;
 use super::run::Replay;
 use super::tally::Counts;
-use chrono::{DateTime, SecondsFormat};
+use crate::report::rfc3339;
 use inkling_core::design::HealthyModel;
 use inkling_core::fault::categories;
 use inkling_io::recording::Recording;
@@ -112,8 +112,4 @@ impl Serialize for Model<'_> {
         entry.serialize_entry("generator", &m.generator)?;
         entry.end()
     }
-}
-
-pub fn rfc3339(t_ns: i64) -> String {
-    DateTime::from_timestamp_nanos(t_ns).to_rfc3339_opts(SecondsFormat::AutoSi, true)
 }

@@ -75,7 +75,7 @@ pub mod timings;
 pub mod visit;
 mod wiring;
 
-pub use metadata::rfc3339;
+pub use crate::report::rfc3339;
 pub use recording_report::RecordingReport;
 pub use replay::{follow, is_same, judge, replay};
 pub use run::{EpisodeEvent, Replay, Watch};

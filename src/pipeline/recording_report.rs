@@ -13,12 +13,12 @@
 use super::episodes::EpisodeReport;
 use super::head_movement::HeadMovement;
 use super::judges::{Judges, Refusal};
-use super::metadata::rfc3339;
 use super::pacer::PaceReport;
 use super::ring_look;
 use super::run::Replay;
 use super::tally::{PrintheadTally, Tally};
 use super::timings::{PhaseTiming, StageTiming};
+use crate::report::rfc3339;
 use crate::settings::Settings;
 use inkling_core::burst::UnusableBurst;
 use inkling_core::episodes::Untimely;

@@ -68,7 +68,7 @@ pub use promised::print as print_promise;
 pub use settings::ReportSettings;
 pub use source::{LostRecording, Source};
 pub use survey::{Names, Survey};
-pub use words::{Column, clock, columns, first_of, grouped, three_digits};
+pub use words::{Column, clock, columns, first_of, grouped, rfc3339, three_digits};
 
 use counts::Tally;
 use coverage::Coverage;

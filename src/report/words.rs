@@ -2,13 +2,18 @@
 //! files and most verbs use it, so that all of them write numbers alike.
 
 use Column::{Last, Number, Words};
-use chrono::DateTime;
+use chrono::{DateTime, SecondsFormat};
 pub use inkling_lab::plot::page::first_of;
 use std::io::{self, Write};
 
 /// A time, ns since 1970, as `2025-01-09 08:00:10`, UTC.
 pub fn clock(t_ns: i64) -> String {
     DateTime::from_timestamp_nanos(t_ns).format("%Y-%m-%d %H:%M:%S").to_string()
+}
+
+/// A time, ns since 1970, as RFC 3339, UTC, with as many decimals as it has.
+pub fn rfc3339(t_ns: i64) -> String {
+    DateTime::from_timestamp_nanos(t_ns).to_rfc3339_opts(SecondsFormat::AutoSi, true)
 }
 
 /// A number with its noun: `1 recording`, `2 recordings`. The plural is made with an s.
