@@ -70,7 +70,8 @@ fn a_night_writes_metrics_that_prometheus_reads_and_the_rules_ask_for() {
     let odd = some(0, 20).into_iter().map(|b| Burst { printhead: name.into(), ..b });
     house.record("rec/1.mcap", &some(0, 20).into_iter().chain(odd).collect::<Vec<_>>());
     let design = crate::house::root().join("sample_logs/design.json");
-    house.write("pipeline.toml", format!("[input]\nrecordings = [\"rec\"]\ndesign = {design:?}\n"));
+    let settings = format!("[input]\nrecordings = [\"rec\"]\ndesign = {design:?}\n");
+    house.write("pipeline.toml", settings + "[identify]\nmode = \"design\"\n");
     house.run("night --metrics m.prom").exits(0);
     let text = house.text("m.prom");
     let found = families(&text);

@@ -240,7 +240,7 @@ mod tests {
         assert!(read(dir.path()).knows_recording("n1.mcap").is_some());
         let quote = format!("{header}\ndamage,\"n1.mcap\n").into_bytes();
         assert!(mistakes(&quote).len() <= 1);
-        std::fs::write(&path, header.repeat(2 << 20)).unwrap();
+        std::fs::write(&path, header.repeat(1 << 19)).unwrap();
         assert!(read(dir.path()).mistakes[0].contains("cannot be read"));
     }
 

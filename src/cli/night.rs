@@ -187,7 +187,7 @@ impl Kept {
         match ChangesSince::of(&earlier, &read.report) {
             Ok(changes) => changes.print(&mut out)?,
             Err(_) => {
-                writeln!(out, "the first night: there is none to compare with")?;
+                writeln!(out, "no night was told before this one: all that is known")?;
                 report::print(&read.report, printable::line, &mut out)?;
             }
         }
