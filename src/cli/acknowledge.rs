@@ -139,7 +139,7 @@ fn append(path: &Path, cells: &[String; COLUMNS.len()]) -> Result<(), Failure> {
     }
     let mut table = TextTable::open(std::io::Cursor::new(text.clone()), OPTIONS)
         .map_err(FileError::unread(path))?;
-    let names = table.next().ok().flatten().map(|(_, names)| names).unwrap_or_default();
+    let names = table.next_record().ok().flatten().map(|(_, names)| names).unwrap_or_default();
     let has = |column: &str| names.iter().any(|name| name == column);
     let mut of_cells = COLUMNS.iter().zip(cells);
     if let Some((column, _)) = of_cells.find(|(column, cell)| !cell.is_empty() && !has(column)) {
@@ -184,7 +184,7 @@ pub fn read(out: &Path) -> Acknowledged {
     };
     let mut places: Option<[Option<usize>; COLUMNS.len()]> = None;
     while all.mistakes.len() < MOST_MISTAKES {
-        let (line, record) = match table.next() {
+        let (line, record) = match table.next_record() {
             Ok(None) => break,
             Ok(Some(row)) => row,
             Err(TextError::NoText { line }) => {

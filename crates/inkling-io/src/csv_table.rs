@@ -62,7 +62,7 @@ fn read_rows(text: &mut TextTable, path: &Path, columns: &Columns) -> Result<Tab
     let mut chosen = choose(&header, columns, decimal_comma).map_err(refused)?;
 
     // the first row may be one of units
-    let mut ahead = [text.next_names().map_err(failed)?, text.next().map_err(failed)?];
+    let mut ahead = [text.next_names().map_err(failed)?, text.next_record().map_err(failed)?];
     let mut unit = None;
     if let Some((line, row)) = &ahead[0] {
         let below = ahead[1].as_ref().map(|(_, row)| row);
@@ -83,7 +83,7 @@ fn read_rows(text: &mut TextTable, path: &Path, columns: &Columns) -> Result<Tab
     let mut rows = Rows::new(&chosen);
     let mut ahead = ahead.into_iter().flatten();
     while let Some((line, row)) =
-        ahead.next().map_or_else(|| text.next().map_err(failed), |row| Ok(Some(row)))?
+        ahead.next().map_or_else(|| text.next_record().map_err(failed), |row| Ok(Some(row)))?
     {
         chosen.check_cells(&row).map_err(at(line))?;
         let text = |c: Option<usize>| c.and_then(|c| row.get(c)).unwrap_or_default();

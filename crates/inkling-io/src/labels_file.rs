@@ -104,7 +104,7 @@ fn each_row(
     };
     let options = TextOptions { most_bytes: MOST_BYTES, ..TextOptions::default() };
     let mut text = TextTable::open(from, options).map_err(FileError::unread(path))?;
-    let header = text.next().map_err(failed)?.map(|(_, header)| header).unwrap_or_default();
+    let header = text.next_record().map_err(failed)?.map(|(_, header)| header).unwrap_or_default();
     let mut places = [0; HEADER.len()];
     for (at, column) in places.iter_mut().zip(HEADER) {
         let place = header.iter().position(|name| name.trim_matches('"') == column);
@@ -114,7 +114,7 @@ fn each_row(
         })?;
     }
     let mut rows = 0;
-    while let Some((line, record)) = text.next().map_err(failed)? {
+    while let Some((line, record)) = text.next_record().map_err(failed)? {
         let mistaken = |what| FileError::Mistaken { place: line_of(path, line), what };
         rows += 1;
         if rows > MOST_ROWS {

@@ -1,7 +1,7 @@
 //! Reads the records of a table that other programs wrote as text, with the numbers of their lines: tables of
 //! signals (`csv_table.rs`) and labels (`labels_file.rs`).
 //!
-//! In: a file, or a text. Out: [`TextTable::next`], record by record. Cells are separated by comma, semicolon
+//! In: a file, or a text. Out: [`TextTable::next_record`], record by record. Cells are separated by comma, semicolon
 //! or tab, or by what a first line `sep=;` says, which spreadsheets write. UTF-16 is read where its byte order
 //! mark says so. Lines may end in LF, CR LF or CR; they count from 1, as editors count them.
 //!
@@ -85,7 +85,7 @@ impl TextTable {
     }
 
     /// The next record, and its line, or the last of its lines; `None` at the end.
-    pub fn next(&mut self) -> Result<Option<(u64, StringRecord)>, TextError> {
+    pub fn next_record(&mut self) -> Result<Option<(u64, StringRecord)>, TextError> {
         match self.next_bytes()? {
             Some((line, record)) => {
                 let text = StringRecord::from_byte_record(record);
@@ -272,7 +272,7 @@ mod tests {
         let options = TextOptions { most_bytes: 1000, ..options };
         let mut table = TextTable::open(Cursor::new(text.to_vec()), options).unwrap();
         let mut found = Vec::new();
-        while let Ok(Some((line, record))) = table.next() {
+        while let Ok(Some((line, record))) = table.next_record() {
             found.push((line, record.iter().map(str::to_owned).collect()));
         }
         (table.delimiter, found)
@@ -321,7 +321,7 @@ mod tests {
             let options =
                 TextOptions { comments: true, most_bytes: 1000, ..TextOptions::default() };
             let mut told = TextTable::open(Cursor::new(text.into_bytes()), options).unwrap();
-            assert!(told.next().is_ok());
+            assert!(told.next_record().is_ok());
             let told = told.begins_below().unwrap_or_default();
             let says = format!("at line {line} ");
             assert!(line == 1 && told.is_empty() || told.contains(&says), "{head}: {told}");
@@ -335,7 +335,7 @@ mod tests {
             [(b'x', u64::MAX, "a record of"), (b'\n', 1000, "cut it into several")]
         {
             let mut table = TextTable::open(io::repeat(byte), opens(most_bytes)).unwrap();
-            let Err(TextError::Io(e)) = table.next() else { panic!("read") };
+            let Err(TextError::Io(e)) = table.next_record() else { panic!("read") };
             assert!(e.to_string().contains(says), "{e}");
         }
     }
