@@ -90,11 +90,11 @@ class Browser:
 
 
 #: What the page shows, as text; how many signals; channels with a fault; channels whose last signal was flagged, by the colour
-#: of the first printhead's map.
+#: of the first printhead's map, left of which stand the numbers of the rows.
 SHOWN = """(() => {
   const status = document.getElementById("status"), map = document.querySelector("#heads canvas");
-  const colour = (channel) => String(map.getContext("2d").getImageData((channel % 64) * 10 + 4, Math.floor(channel / 64) * 10 + 4, 1, 1).data);
-  const drawn = map ? map.width / 10 * map.height / 10 : 0;
+  const colour = (channel) => String(map.getContext("2d").getImageData(40 + (channel % 64) * 10 + 4, Math.floor(channel / 64) * 10 + 4, 1, 1).data);
+  const drawn = map ? (map.width - 40) / 10 * map.height / 10 : 0;
   return {
     status: status?.textContent ?? "",
     lost: status?.className === "lost",

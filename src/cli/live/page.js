@@ -1,7 +1,7 @@
 "use strict";
 // Draws what /events tells. Text goes in as text, never as markup.
 const colours = { ".": "#cfe8cf", f: "#f2b84b", x: "#888888", " ": "#ffffff", on: "#b00020" };
-const cell = 10, label = 34;
+const cell = 10, label = 40;
 const at = (id) => document.getElementById(id);
 let before = null;
 
