@@ -1,11 +1,11 @@
 //! What the times of a printhead's bursts are worth, and what was odd about them, in words.
 //!
 //! In: the times of its bursts in the order of the file, from the identify stage ([`HeadClock::hear`]). Out: whether
-//! a burst stands in the order of time ([`Standing`]); at the end a sentence ([`HeadClock::in_words`]).
+//! a burst stands in the order of time ([`Standing`]); at the end a sentence (`HeadClock::told`).
 //!
 //! A burst is *late* if it is earlier than the latest one before it by more than the reorder time, and a *stray* if it
-//! lies apart from it by more than [`JUMP_NS`], earlier or later. Both are judged by what is known, and teach nothing;
-//! faults are followed over late ones, for which they are put in order. After [`STEADY`] such moments in a row that
+//! lies apart from it by more than `JUMP_NS`, earlier or later. Both are judged by what is known, and teach nothing;
+//! faults are followed over late ones, for which they are put in order. After `STEADY` such moments in a row that
 //! follow each other in order the clock was set: there a new stretch of the same printhead begins. A file whose chunks
 //! are in no order tells nothing of clocks.
 

@@ -262,9 +262,9 @@ fn story(
         severity: last_sized.and_then(|e| e.severity_last),
         sd: last_sized.and_then(|e| e.severity_sd),
     };
-    // where present signals carry the name no longer, the distance is what is known of the fault
+    // where present signals of a fault that is on carry the name no longer, the distance is what is known of it
     let last_named = last_named(watch, spells, named);
-    let lost = (!last_named.is_of_now).then_some(last);
+    let lost = (!last_named.is_of_now && ended_at_ns.is_none()).then_some(last);
     let quantity = if lost.is_some() { Some(DISTANCE) } else { quantity };
 
     // The relative standard deviation of the size, measured from the severity of no fault

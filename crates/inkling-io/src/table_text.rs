@@ -5,7 +5,7 @@
 //! or tab, or by what a first line `sep=;` says, which spreadsheets write. UTF-16 is read where its byte order
 //! mark says so. Lines may end in LF, CR LF or CR; they count from 1, as editors count them.
 //!
-//! No record may be longer than [`MOST_RECORD_BYTES`]; a quote that is never closed would make one record of
+//! No record may be longer than `MOST_RECORD_BYTES`; a quote that is never closed would make one record of
 //! the whole file.
 
 use super::printable;
