@@ -20,6 +20,8 @@ const MOST_NAMED: f64 = 0.9;
 pub struct Called {
     named: u64,
     others: u64,
+    /// t_a of the first one, ns; `None`: there is none.
+    first_ns: Option<i64>,
     /// t_a of the last named one, ns; `None`: there is none.
     last_named_ns: Option<i64>,
 }
@@ -31,6 +33,7 @@ impl Pooled for Called {
     fn pool(&mut self, other: Called) {
         self.named += other.named;
         self.others += other.others;
+        self.first_ns = self.first_ns.into_iter().chain(other.first_ns).min();
         self.last_named_ns = self.last_named_ns.max(other.last_named_ns);
     }
 }
@@ -52,13 +55,17 @@ impl Calls {
         self.at(t_ns).pool(Called {
             named: u64::from(is_named),
             others: u64::from(!is_named),
+            first_ns: Some(t_ns),
             last_named_ns: is_named.then_some(t_ns),
         });
     }
 
-    /// The last named signal; `None`: no signal carries the name by itself.
-    pub fn last(&self) -> Option<LastNamed> {
-        let bins: Vec<&Called> = self.values().collect();
+    /// The last named signal of a fault that was on from `from_ns` to `to_ns`; `None`: no signal carries the name
+    /// by itself.
+    pub fn last(&self, from_ns: i64, to_ns: i64) -> Option<LastNamed> {
+        let is_within =
+            |bin: &&Called| bin.first_ns.is_some_and(|t| (from_ns..=to_ns).contains(&t));
+        let bins: Vec<&Called> = self.values().filter(is_within).collect();
         let last = bins.iter().rposition(|bin| bin.named > 0)?;
         let (until, after) = bins.split_at(last + 1);
         let named: u64 = until.iter().map(|bin| bin.named).sum();
@@ -66,7 +73,8 @@ impl Calls {
         let share = (named as f64 / (named + others) as f64).min(MOST_NAMED);
         let missing: u64 = after.iter().map(|bin| bin.others).sum();
         let gone = -(missing as f64) * (1.0 - share).ln();
-        Some(LastNamed { at_ns: bins[last].last_named_ns?, is_of_now: gone <= GONE })
+        let at_ns = bins[last].last_named_ns?.min(to_ns);
+        Some(LastNamed { at_ns, is_of_now: gone <= GONE })
     }
 }
 
@@ -83,7 +91,7 @@ mod tests {
                 calls.add(night * 86_400_000_000_000 + k * 1_000_000_000, is_named);
             }
         }
-        calls.last()
+        calls.last(i64::MIN, i64::MAX)
     }
 
     #[test]
@@ -101,8 +109,13 @@ mod tests {
         let mut calls = Calls::default();
         (0..100).for_each(|t| calls.add(t * 1_000_000_000, t % 4 == 0));
         (100..104).for_each(|t| calls.add(t * 1_000_000_000, false));
-        assert!(calls.last().is_some_and(|of| of.is_of_now), "three in four lack it as a rule");
+        let last = |calls: &Calls| calls.last(i64::MIN, i64::MAX);
+        assert!(last(&calls).is_some_and(|of| of.is_of_now), "three in four lack it as a rule");
         (104..120).for_each(|t| calls.add(t * 1_000_000_000, false));
-        assert!(calls.last().is_some_and(|of| !of.is_of_now));
+        assert!(last(&calls).is_some_and(|of| !of.is_of_now));
+        // a later fault of the same name says nothing of one that ended before
+        calls.add(900_000_000_000, true);
+        let ended = calls.last(0, 50_000_000_000).map(|of| of.at_ns);
+        assert_eq!(ended, Some(48_000_000_000));
     }
 }

@@ -263,7 +263,7 @@ fn story(
         sd: last_sized.and_then(|e| e.severity_sd),
     };
     // where present signals of a fault that is on carry the name no longer, the distance is what is known of it
-    let last_named = last_named(watch, spells, named);
+    let last_named = last_named(watch, spells, named, ended_at_ns.unwrap_or(i64::MAX));
     let lost = (!last_named.is_of_now && ended_at_ns.is_none()).then_some(last);
     let quantity = if lost.is_some() { Some(DISTANCE) } else { quantity };
 
@@ -315,10 +315,12 @@ fn story(
 }
 
 /// The last signal that carries the name of the story of these episodes. Where no signal does by itself, and
-/// they are named by what they say together, it is the last look of the last episode of that name.
-fn last_named(watch: &Watch, spells: &[Spell], named: &Episode) -> LastNamed {
+/// they are named by what they say together, it is the last look of the last episode of that name. `to_ns`: when the
+/// story ended.
+fn last_named(watch: &Watch, spells: &[Spell], named: &Episode, to_ns: i64) -> LastNamed {
     let calls = named.category.as_deref().and_then(|category| watch.calls(category));
-    calls.and_then(|calls| calls.last()).unwrap_or_else(|| {
+    let from_ns = spells[0].episode.began_at_ns;
+    calls.and_then(|calls| calls.last(from_ns, to_ns)).unwrap_or_else(|| {
         let of_name = spells.iter().rfind(|of| of.episode.category == named.category);
         let of_name = of_name.unwrap_or(&spells[spells.len() - 1]);
         let at_ns = of_name.counts.last_flagged_ns.unwrap_or(of_name.episode.raised_at_ns);
