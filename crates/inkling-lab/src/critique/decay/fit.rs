@@ -5,23 +5,27 @@
 //!
 //! The cost is the sum of squares of the whitened misfit: each output's noise is an autoregression
 //! ([`Colour`], from a fit's own misfit), and whitening subtracts from each sample what those before it
-//! predict, and divides by the standard deviation of the rest. The descent is that of Levenberg and
-//! Marquardt. A term that moves the phase is fitted to a first stretch, then to ever longer ones (`follow`),
+//! predict, and divides by the standard deviation of the rest. What is linear, the amplitudes of lines and an offset of
+//! each series, is eliminated: it is 0 numbers to the descent, which is that of Levenberg and Marquardt
+//! (variable projection: G. H. Golub and V. Pereyra, SIAM J. Numer. Anal. 10, 1973). A term that moves the phase is fitted to a first stretch, then to ever longer ones (`follow`),
 //! because least squares over a whole decay does not find a phase again that is off by half a swing.
 
 use super::decays::Decays;
 use super::motion::Motion;
-use super::plant::{OMEGA, Plant, motion, placed, plain_numbers};
+use super::plant::{OMEGA, Plant, Wave, motion, path, placed, plain_numbers, start_of, waves_of};
 use super::terms::Term;
 use inkling_core::model::descent::{Damping, descend};
 use nalgebra::{DMatrix, DVector};
 use std::f64::consts::{PI, TAU};
+use std::ops::{AddAssign, Range};
 
 const MOST_ORDER: usize = 12;
 /// Damping of a descent's steps, and largest numbers of them: to converge, and to compare starts.
 const DAMPING: Damping = Damping { first: 1e-3, down: 0.1, least: 1e-12, up: 10.0, most: 3e8 };
 const MOST_STEPS: usize = 60;
 const FEW_STEPS: usize = 8;
+/// A harmonic may lie above half the sampling rate, where it is seen at its mirror image.
+const MOST_TURN: f64 = 8.0 * PI;
 
 /// The noise of one output: linear predictors of order 0, 1 ... p, and the standard deviation of what each
 /// leaves. That of order m expects sum_j phi_j y_{k-1-j} of sample k, over j < m.
@@ -126,6 +130,13 @@ impl Noise {
         self.colours.iter().map(of).fold(0.0, f64::max)
     }
 
+    /// Sum of squares of a misfit, of so many samples in a series, as this noise sees it.
+    pub fn seen(&self, misfit: &[f64], samples: usize) -> f64 {
+        let mut misfit = misfit.to_vec();
+        misfit.chunks_mut(samples).enumerate().for_each(|(i, series)| self.apply_to(i, series));
+        misfit.iter().map(|w| w * w).sum()
+    }
+
     /// Whitens the series with index i (by burst, then output), and clears what is held out.
     fn apply_to(&self, i: usize, series: &mut [f64]) {
         self.colours[i % self.colours.len()].whiten(series);
@@ -141,29 +152,45 @@ pub struct Fit<'a> {
     pub terms: Vec<Term>,
     /// Numbers (parameters), in the order of `plant.rs`.
     pub p: Vec<f64>,
+    /// Amplitudes of all columns of waves, in the terms' order, one for each series.
+    pub free: Vec<Vec<f64>>,
     pub cost: f64,
 }
 
 impl<'a> Fit<'a> {
+    /// No motion, and an offset of each series.
     pub fn zero(decays: &'a Decays) -> Fit<'a> {
         let p = vec![0.0; plain_numbers(decays)];
-        Fit { decays, terms: Vec::new(), p, cost: f64::INFINITY }
+        let still = Fit { decays, terms: Vec::new(), p, free: Vec::new(), cost: f64::INFINITY };
+        still.with(Term::Offset)
     }
 
     pub fn placed(&self) -> impl Iterator<Item = (Term, usize)> {
         placed(self.decays, &self.terms)
     }
 
-    /// Index in `p` at which each line's numbers begin, and its frequencies, rad per sample.
-    pub fn lines(&self) -> impl Iterator<Item = (usize, Vec<f64>)> {
-        self.placed().filter_map(|(term, at)| match term {
-            Term::Line(line) => Some((at, line.frequencies(self.p[OMEGA], self.p[at + 1]))),
-            _ => None,
+    /// Index in `p` at which each line's numbers begin, and its waves.
+    pub fn lines(&self) -> impl Iterator<Item = (usize, Vec<Wave>)> {
+        let lines = self.placed().filter(|(term, _)| term.is_line());
+        lines.map(|(term, at)| (at, waves_of(term, at, &self.p)))
+    }
+
+    /// Which rows of `free` belong to each term.
+    pub fn rows(&self) -> impl Iterator<Item = Range<usize>> {
+        self.placed().scan(0, |next, (term, at)| {
+            let first = *next;
+            *next += columns_of(&waves_of(term, at, &self.p));
+            Some(first..*next)
         })
     }
 
+    /// How many numbers are fitted, amplitudes among them.
+    pub fn parameters(&self) -> usize {
+        self.p.len() + self.free.len() * self.decays.bursts * self.decays.outputs
+    }
+
     pub fn degrees_of_freedom(&self) -> f64 {
-        self.decays.y.len() as f64 - self.p.len() as f64
+        self.decays.y.len() as f64 - self.parameters() as f64
     }
 
     pub fn sizes(&self) -> Vec<f64> {
@@ -172,7 +199,7 @@ impl<'a> Fit<'a> {
 
     pub fn noise(&self) -> Noise {
         let Decays { outputs, .. } = *self.decays;
-        let (misfit, share) = (self.misfit(), self.p.len() as f64 / outputs as f64);
+        let (misfit, share) = (self.misfit(), self.parameters() as f64 / outputs as f64);
         let series = |output| self.decays.of_output(&misfit, output).collect::<Vec<&[f64]>>();
         let colours = (0..outputs).map(|output| Colour::of(&series(output), share)).collect();
         Noise { colours, held_out: Vec::new() }
@@ -182,27 +209,63 @@ impl<'a> Fit<'a> {
     pub fn with(&self, term: Term) -> Fit<'a> {
         let mut fit = Fit { cost: f64::INFINITY, ..self.clone() };
         fit.terms.push(term);
-        fit.p.resize(self.p.len() + term.numbers(self.decays), 0.0);
+        let at = self.p.len();
+        fit.p.resize(at + term.numbers(), 0.0);
+        let columns = columns_of(&waves_of(term, at, &fit.p));
+        let still = vec![0.0; self.decays.bursts * self.decays.outputs];
+        fit.free.extend(std::iter::repeat_n(still, columns));
         fit
     }
 
     /// Without those of its terms for whose index `goes` is true; not fitted anew.
     pub fn without(&self, goes: impl Fn(usize) -> bool) -> Fit<'a> {
-        let mut left = Fit::zero(self.decays);
-        left.p.clone_from_slice(&self.p[..plain_numbers(self.decays)]);
-        let stays = self.placed().enumerate().filter(|(i, _)| !goes(*i));
-        for (_, (term, at)) in stays {
+        let p = self.p[..plain_numbers(self.decays)].to_vec();
+        let mut left = Fit { terms: Vec::new(), p, free: Vec::new(), ..self.clone() };
+        let stays = self.placed().zip(self.rows()).enumerate().filter(|(i, _)| !goes(*i));
+        for (_, ((term, at), rows)) in stays {
             left.terms.push(term);
-            left.p.extend_from_slice(&self.p[at..at + term.numbers(self.decays)]);
+            left.p.extend_from_slice(&self.p[at..at + term.numbers()]);
+            left.free.extend_from_slice(&self.free[rows]);
         }
-        left
+        Fit { cost: f64::INFINITY, ..left }
     }
 
-    /// What the sensor shows at rest, for each output, counts; `None` without an offset in the model.
-    pub fn offsets(&self) -> Option<Vec<f64>> {
-        let (_, at) = self.placed().find(|(term, _)| *term == Term::Offset)?;
-        let each = self.p[at..].iter().zip(&self.decays.scale);
-        Some(each.map(|(offset, scale)| offset * scale).collect())
+    /// The same model of the same decays from a later sample on, not fitted anew.
+    pub fn later<'b>(&self, shorter: &'b Decays, skipped: usize) -> Fit<'b> {
+        let Fit { terms, mut p, free, cost, .. } = self.clone();
+        let (motion, mut path_of) = (self.motion(), Vec::new());
+        for burst in 0..shorter.bursts {
+            path(&motion, &self.p, burst, skipped + 1, &mut path_of);
+            p[start_of(burst)..][..2].copy_from_slice(&path_of[skipped]);
+        }
+        Fit { decays: shorter, terms, p, free, cost }
+    }
+
+    /// Turns the start of every burst back by so many samples: backwards, all that damps drives.
+    pub fn turn_back(&mut self, by: usize) {
+        let Motion { sigma, drag, stick, .. } = self.motion();
+        let back = Motion { sigma: -sigma, drag: -drag, stick: -stick, ..self.motion() };
+        let mut path_of = Vec::new();
+        for burst in 0..self.decays.bursts {
+            let start = &mut self.p[start_of(burst)..][..2];
+            back.run([start[0], -start[1]], by + 1, &mut path_of);
+            let [x, u] = path_of[by];
+            start.copy_from_slice(&[x, -u]);
+        }
+    }
+
+    /// What the sensor shows at rest, for each output, counts: the mean over the decays.
+    pub fn offsets(&self) -> Vec<f64> {
+        let Decays { bursts, outputs, scale, .. } = self.decays;
+        let mean = |o: usize| self.free[0].iter().skip(o).step_by(*outputs).sum::<f64>();
+        (0..*outputs).map(|o| mean(o) * scale[o] / *bursts as f64).collect()
+    }
+
+    /// Standard deviation of one decay's offset, for each output, beside all other free amplitudes.
+    pub fn sd_of_offset(&self, noise: &Noise) -> Vec<f64> {
+        let plant = Plant::new(self.decays, &self.terms, self.decays.samples);
+        let (_, reached) = reached(&plant, &self.p, noise);
+        reached.bases.iter().map(Basis::sd_of_the_first).collect()
     }
 
     pub fn motion(&self) -> Motion {
@@ -212,16 +275,25 @@ impl<'a> Fit<'a> {
     /// Measured minus simulated, for all samples, ordered as `decays.y` and in its scale.
     pub fn misfit(&self) -> Vec<f64> {
         let plant = Plant::new(self.decays, &self.terms, self.decays.samples);
-        let mut misfit = plant.measured();
-        misfit.iter_mut().zip(plant.predict(&self.p)).for_each(|(y, m)| *y -= m);
+        let waves = plant.waves(&self.p);
+        let columns: Vec<Vec<f64>> = waves.iter().flat_map(|w| w.columns(plant.upto)).collect();
+        let mut misfit = self.decays.y.clone();
+        let moved = plant.moved(&self.p);
+        for (i, (series, moved)) in misfit.chunks_mut(plant.upto).zip(moved).enumerate() {
+            series.iter_mut().zip(moved).for_each(|(y, x)| *y -= x);
+            for (column, amplitudes) in columns.iter().zip(&self.free) {
+                series.iter_mut().zip(column).for_each(|(y, c)| *y -= amplitudes[i] * c);
+            }
+        }
         misfit
     }
 
-    /// Covariance of the numbers: the inverse of J^T J with whitened derivatives J. A number that nothing
-    /// depends on, such as a tone's damping, is held: its rows and columns are 0.
+    /// Covariance of the numbers: the inverse of J^T J with whitened derivatives J, of which what the free
+    /// amplitudes can take is removed. A number that nothing depends on is held: its rows and columns are 0.
     pub fn covariance(&self, noise: &Noise) -> DMatrix<f64> {
         let plant = Plant::new(self.decays, &self.terms, self.decays.samples);
-        let gram = normal(&plant, &self.p, noise, &vec![0.0; plant.len()]).0;
+        let (_, reached) = reached(&plant, &self.p, noise);
+        let gram = normal(&plant, &self.p, noise, &reached).0;
         // inverted with a unit diagonal; a division by an infinite scale gives the 0 of what is held
         let n = gram.nrows();
         let scale = gram.diagonal().map(|d| if d > 0.0 { d.sqrt() } else { f64::INFINITY });
@@ -230,6 +302,13 @@ impl<'a> Fit<'a> {
         });
         let inverse = unit.try_inverse().unwrap_or_else(|| DMatrix::identity(n, n) * 1e12);
         DMatrix::from_fn(n, n, |i, j| inverse[(i, j)] / (scale[i] * scale[j]))
+    }
+
+    /// With the amplitudes that fit best beside the numbers that it has.
+    pub fn solved(&self, noise: &Noise) -> Fit<'a> {
+        let plant = Plant::new(self.decays, &self.terms, self.decays.samples);
+        let (cost, reached) = reached(&plant, &self.p, noise);
+        Fit { cost, free: reached.amplitudes(), ..self.clone() }
     }
 
     pub fn descend(&self, noise: &Noise) -> Fit<'a> {
@@ -243,17 +322,26 @@ impl<'a> Fit<'a> {
     /// Descends by so many steps at most (Levenberg and Marquardt), on the first `upto` samples.
     fn steps(&self, noise: &Noise, upto: usize, most_steps: usize) -> Fit<'a> {
         let plant = Plant::new(self.decays, &self.terms, upto);
-        let measured = plant.measured();
-
-        // the ring's frequency must stay between the slowest ring and half the sampling rate; what
-        // is slower than one swing in the whole record is a drift
+        // the ring's frequency must stay between the slowest ring and half the sampling rate, and lines
+        // between zero and that; what is slower than one swing in the whole record is a drift
         let lowest = (TAU / self.decays.samples as f64).min(self.p[OMEGA]);
-        let cost = |p: &Vec<f64>| match p[OMEGA] >= lowest && p[OMEGA] < PI {
-            true => cost(&plant, p, noise, &measured),
-            false => (f64::INFINITY, Vec::new()),
+        let is_possible = |p: &[f64]| {
+            let grows = -2.0 / upto as f64;
+            let mut waves = plant.waves(p).into_iter();
+            p[OMEGA] >= lowest
+                && p[OMEGA] < PI
+                && waves
+                    .all(|w| w.sigma > grows && w.omega.is_none_or(|omega| omega.abs() < MOST_TURN))
         };
-        let slope = |p: &Vec<f64>, r: Vec<f64>| {
-            let (gram, product) = normal(&plant, p, noise, &r);
+        let cost = |p: &Vec<f64>| match is_possible(p) {
+            true => reached(&plant, p, noise),
+            false => (f64::INFINITY, Reached::default()),
+        };
+        let slope = |p: &Vec<f64>, reached: Reached| {
+            if reached.bases.is_empty() {
+                return None; // an impossible start
+            }
+            let (gram, product) = normal(&plant, p, noise, &reached);
             let finite = gram.iter().chain(product.iter()).all(|x| x.is_finite());
             finite.then_some((gram, product))
         };
@@ -271,7 +359,8 @@ impl<'a> Fit<'a> {
             calm >= 2 || taken >= most_steps
         };
         let (p, cost) = descend(self.p.clone(), DAMPING, usize::MAX, cost, slope, step, rests);
-        Fit { p, cost, ..self.clone() }
+        let free = reached(&plant, &p, noise).1.amplitudes();
+        Fit { p, cost, free, ..self.clone() }
     }
 
     /// Fits a first stretch of so many samples, then ever longer ones (each by a half), then the whole.
@@ -279,7 +368,7 @@ impl<'a> Fit<'a> {
         let Decays { bursts, outputs, samples, .. } = *self.decays;
         let mut fit = self.clone();
         // a stretch needs twice as many samples as there are numbers to be fitted
-        let fewest = fit.p.len() * 2 / (bursts * outputs);
+        let fewest = fit.parameters() * 2 / (bursts * outputs);
         let mut upto = first.max(fewest).max(8);
         while upto < samples {
             fit = fit.steps(noise, upto, FEW_STEPS);
@@ -289,36 +378,203 @@ impl<'a> Fit<'a> {
     }
 }
 
-/// Sum of squares of the whitened misfit (infinite where the motion is lost), and this misfit.
-fn cost(plant: &Plant, p: &[f64], noise: &Noise, measured: &[f64]) -> (f64, Vec<f64>) {
-    plant.decays.work.goes_on();
-    let mut r = plant.predict(p);
-    r.iter_mut().zip(measured).for_each(|(m, y)| *m = y - *m);
-    r.chunks_mut(plant.upto).enumerate().for_each(|(i, series)| noise.apply_to(i, series));
-    let sum: f64 = r.iter().map(|r| r * r).sum();
-    (if sum.is_finite() { sum } else { f64::INFINITY }, r)
+fn columns_of(waves: &[Wave]) -> usize {
+    waves.iter().map(Wave::width).sum()
 }
 
-/// J^T J and J^T r, summed series by series, since most numbers matter to one burst alone.
-fn normal(plant: &Plant, p: &[f64], noise: &Noise, r: &[f64]) -> (DMatrix<f64>, DVector<f64>) {
+/// The columns of all waves as one output's noise sees them: q r, with q orthonormal. A column that others
+/// hold is 0 in q, and takes nothing.
+#[derive(Default)]
+struct Basis {
+    q: DMatrix<f64>,
+    r: DMatrix<f64>,
+}
+
+impl Basis {
+    /// By Gram and Schmidt, twice.
+    fn of(mut q: DMatrix<f64>) -> Basis {
+        let k = q.ncols();
+        let mut r = DMatrix::zeros(k, k);
+        for j in 0..k {
+            let (before, mut rest) = q.columns_range_pair_mut(..j, j..);
+            let mut column = rest.column_mut(0);
+            let size = column.norm();
+            for _ in 0..2 {
+                let taken = before.tr_mul(&column);
+                column.gemv(-1.0, &before, &taken, 1.0);
+                r.view_mut((0, j), (j, 1)).add_assign(&taken);
+            }
+            let left = column.norm();
+            let is_new = left > 1e-7 * size;
+            r[(j, j)] = if is_new { left } else { 0.0 };
+            column.scale_mut(if is_new { 1.0 / left } else { 0.0 });
+        }
+        Basis { q, r }
+    }
+
+    /// Removes what the columns can take of `y`, and returns its coordinates in q.
+    fn remove_from(&self, y: &mut DMatrix<f64>) -> DMatrix<f64> {
+        let taken = self.q.tr_mul(y);
+        y.gemm(-1.0, &self.q, &taken, 1.0);
+        taken
+    }
+
+    /// Standard deviation of the first column's amplitude: |r^-T e_1|.
+    fn sd_of_the_first(&self) -> f64 {
+        let mut solved: Vec<f64> = Vec::new();
+        for j in 0..self.r.ncols() {
+            let unit = if j == 0 { 1.0 } else { 0.0 };
+            let others: f64 = solved.iter().enumerate().map(|(i, x)| self.r[(i, j)] * x).sum();
+            let diagonal = self.r[(j, j)];
+            solved.push(if diagonal > 0.0 { (unit - others) / diagonal } else { 0.0 });
+        }
+        solved.iter().map(|x| x * x).sum::<f64>().sqrt()
+    }
+
+    /// Amplitudes of the columns from coordinates in q.
+    fn amplitudes(&self, taken: &DMatrix<f64>) -> Vec<f64> {
+        let k = self.r.ncols();
+        let mut amplitudes = vec![0.0; k];
+        for j in (0..k).rev().filter(|j| self.r[(*j, *j)] > 0.0) {
+            let others: f64 = (j + 1..k).map(|i| self.r[(j, i)] * amplitudes[i]).sum();
+            amplitudes[j] = (taken[j] - others) / self.r[(j, j)];
+        }
+        amplitudes
+    }
+}
+
+/// What a point of the descent has come to: for each output the basis, and for each series the whitened
+/// misfit and the amplitudes of all columns.
+#[derive(Default)]
+struct Reached {
+    bases: Vec<Basis>,
+    misfits: Vec<DMatrix<f64>>,
+    of_series: Vec<Vec<f64>>,
+}
+
+impl Reached {
+    fn amplitudes(&self) -> Vec<Vec<f64>> {
+        let columns = self.of_series.first().map_or(0, Vec::len);
+        (0..columns).map(|j| self.of_series.iter().map(|of| of[j]).collect()).collect()
+    }
+}
+
+/// Columns of the plant's samples as the noise of a series, or of its output, sees them.
+fn whitened(
+    mut columns: Vec<Vec<f64>>,
+    plant: &Plant,
+    noise: &Noise,
+    series: usize,
+) -> DMatrix<f64> {
+    columns.iter_mut().for_each(|column| noise.apply_to(series, column));
+    DMatrix::from_vec(plant.upto, columns.len(), columns.concat())
+}
+
+/// Sum of squares of the whitened misfit (infinite where the motion is lost).
+fn reached(plant: &Plant, p: &[f64], noise: &Noise) -> (f64, Reached) {
+    plant.decays.work.goes_on();
+    let waves = plant.waves(p);
+    let columns: Vec<Vec<f64>> = waves.iter().flat_map(|w| w.columns(plant.upto)).collect();
+    let outputs = plant.decays.outputs;
+    let bases: Vec<Basis> =
+        (0..outputs).map(|o| Basis::of(whitened(columns.clone(), plant, noise, o))).collect();
+    let mut all = Reached { bases, ..Reached::default() };
+    let mut sum = 0.0;
+    for (i, moved) in plant.moved(p).into_iter().enumerate() {
+        let measured = plant.decays.series(i / outputs, i % outputs);
+        let misfit = measured.iter().zip(moved).map(|(y, x)| y - x).collect();
+        let mut misfit = whitened(vec![misfit], plant, noise, i);
+        let basis = &all.bases[i % outputs];
+        let taken = basis.remove_from(&mut misfit);
+        sum += misfit.norm_squared();
+        all.of_series.push(basis.amplitudes(&taken));
+        all.misfits.push(misfit);
+    }
+    (if sum.is_finite() { sum } else { f64::INFINITY }, all)
+}
+
+/// J^T J and J^T r of the numbers, summed series by series, with what the free amplitudes take removed (L.
+/// Kaufman, BIT 15, 1975). The derivatives of waves are those of few columns for all series of an output,
+/// weighted by each series' amplitudes.
+fn normal(
+    plant: &Plant,
+    p: &[f64],
+    noise: &Noise,
+    reached: &Reached,
+) -> (DMatrix<f64>, DVector<f64>) {
     let numbers = p.len();
     let (mut gram, mut product) = (DMatrix::zeros(numbers, numbers), DVector::zeros(numbers));
-    let series = plant.jacobian(p).series.into_iter();
-    for (i, (columns, r)) in series.zip(r.chunks(plant.upto)).enumerate() {
+    let waves = plant.waves(p);
+    let Decays { bursts, outputs, .. } = *plant.decays;
+    let turns: Vec<DMatrix<f64>> = (0..outputs)
+        .map(|output| {
+            let times = |w: &Wave| waves_in_time(w, plant.upto);
+            let mut turns = whitened(waves.iter().flat_map(times).collect(), plant, noise, output);
+            reached.bases[output].remove_from(&mut turns);
+            turns
+        })
+        .collect();
+    let grams: Vec<DMatrix<f64>> = turns.iter().map(|z| z.tr_mul(z)).collect();
+    for burst in 0..bursts {
         plant.decays.work.goes_on();
-        let whitened = |(number, mut column): (usize, Vec<f64>)| {
-            noise.apply_to(i, &mut column);
-            (number, DVector::from_vec(column))
-        };
-        let columns: Vec<(usize, DVector<f64>)> = columns.into_iter().map(whitened).collect();
-        let r = DVector::from_column_slice(r);
-        for (a, (row, of_row)) in columns.iter().enumerate() {
-            product[*row] += of_row.dot(&r);
-            for (column, of_column) in &columns[..=a] {
-                gram[(*row, *column)] += of_row.dot(of_column);
+        for (output, slopes) in plant.slopes(p, burst).into_iter().enumerate() {
+            let series = burst * outputs + output;
+            let misfit = &reached.misfits[series];
+            let (at, columns): (Vec<usize>, Vec<Vec<f64>>) = slopes.into_iter().unzip();
+            let mut moved = whitened(columns, plant, noise, output);
+            reached.bases[output].remove_from(&mut moved);
+            let (own, own_misfit) = (moved.tr_mul(&moved), moved.tr_mul(misfit));
+            let by = by_numbers(&waves, &reached.of_series[series], numbers);
+            let crossed = moved.tr_mul(&turns[output]) * &by;
+            for (i, row) in at.iter().enumerate() {
+                product[*row] += own_misfit[i];
+                at.iter().enumerate().for_each(|(j, column)| gram[(*row, *column)] += own[(i, j)]);
+                for number in 0..numbers {
+                    gram[(*row, number)] += crossed[(i, number)];
+                    gram[(number, *row)] += crossed[(i, number)];
+                }
             }
+            gram += by.tr_mul(&(&grams[output] * &by));
+            product += by.tr_mul(&turns[output].tr_mul(misfit)).column(0);
         }
     }
-    gram.fill_upper_triangle_with_lower_triangle();
     (gram, product)
+}
+
+/// Time times the damped cosine and sine of a wave that numbers move.
+fn waves_in_time(wave: &Wave, samples: usize) -> Vec<Vec<f64>> {
+    if wave.by.is_empty() {
+        return Vec::new();
+    }
+    let mut columns = wave.columns(samples);
+    let in_time = |column: &mut Vec<f64>| {
+        column.iter_mut().enumerate().for_each(|(k, x)| *x *= k as f64);
+    };
+    columns.iter_mut().for_each(in_time);
+    columns
+}
+
+/// How much of each column of `waves_in_time` is in the derivative by each number. `free`: the amplitudes of
+/// a series.
+fn by_numbers(waves: &[Wave], free: &[f64], numbers: usize) -> DMatrix<f64> {
+    let moving = waves.iter().filter(|w| !w.by.is_empty());
+    let mut by = DMatrix::zeros(moving.map(Wave::width).sum(), numbers);
+    let (mut at, mut row) = (0, 0);
+    for wave in waves {
+        let columns = wave.width();
+        let a = free[at];
+        let b = if columns == 2 { free[at + 1] } else { 0.0 };
+        at += columns;
+        if wave.by.is_empty() {
+            continue;
+        }
+        for (number, [falls, turns]) in &wave.by {
+            by[(row, *number)] += b * turns - a * falls;
+            if columns == 2 {
+                by[(row + 1, *number)] += -a * turns - b * falls;
+            }
+        }
+        row += columns;
+    }
+    by
 }

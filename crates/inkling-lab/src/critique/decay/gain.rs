@@ -95,8 +95,11 @@ fn squares(
     series: usize,
     of: Range<usize>,
 ) -> Squares {
-    let sum = |y: &[f64]| y[series * decays.samples..][of.clone()].iter().map(|v| v * v).sum();
-    let (misfit, signal): (f64, f64) = (sum(misfit), sum(&decays.y));
+    let own = |y: &'_ [f64]| y[series * decays.samples..][..decays.samples].to_vec();
+    let (misfit, signal) = (own(misfit), own(&decays.y));
+    let mean = signal.iter().sum::<f64>() / signal.len() as f64;
+    let misfit: f64 = misfit[of.clone()].iter().map(|r| r * r).sum();
+    let signal: f64 = signal[of.clone()].iter().map(|y| (y - mean).powi(2)).sum();
     let chi2 = misfit / sds[series % decays.outputs].powi(2);
     Squares { chi2, misfit, signal, samples: of.len() as f64 }
 }
@@ -141,8 +144,8 @@ pub fn measure(selected: &Selected) -> (Misfit, Gain) {
 
     let stretches = Stretches::of(decays);
     let noise = stretches.noise(&sds);
-    let anew = |fit: &Fit| fit.descend(&noise).misfit();
-    let (plain, extended) = (anew(&selected.baseline), anew(&selected.fit));
+    let refitted = [&selected.baseline, &selected.fit].map(|fit| fit.descend(&noise));
+    let [plain, extended] = refitted.each_ref().map(Fit::misfit);
 
     // each output's noise is what the extended model leaves where it was fitted
     let kept: Vec<f64> = (0..decays.outputs)
@@ -167,7 +170,7 @@ pub fn measure(selected: &Selected) -> (Misfit, Gain) {
             fitted_signals: decays.bursts * decays.outputs,
             fitted_channels: decays.outputs,
         },
-        log_likelihood_per_signal: worth::measure(selected),
+        log_likelihood_per_signal: worth::measure(selected, &refitted, &noise),
         ..Gain::default()
     };
     (misfit, gain)
