@@ -8,7 +8,8 @@
 //! (`Fit::follow`), and the better of both fits stays.
 
 use super::decays::Decays;
-use super::fit::{Fit, Noise, sizes};
+use super::fit::Fit;
+use super::noise::{Noise, sizes};
 use super::objections::{lowest_line, objection};
 use super::plant::{OMEGA, SIGMA};
 use super::spectrum;
@@ -139,7 +140,7 @@ pub fn child<'a>(parent: &Fit<'a>, term: Term, noise: &Noise) -> Option<Fit<'a>>
     };
     let best = start.descend(noise);
     // beside further modes, the phase of one is no longer in sight in the first swings
-    if !term.moves_phase() || parent.lines().next().is_some() {
+    if !term.moves_phase() || parent.lines() > 0 {
         return Some(best);
     }
     let followed = start.follow(noise, first_swings(parent.p[OMEGA]));

@@ -3,148 +3,27 @@
 //! In: a [`Fit`] to start from (decays, terms, numbers) and the [`Noise`]. Out: a [`Fit`] at the nearest
 //! minimum, never worse than the start.
 //!
-//! The cost is the sum of squares of the whitened misfit: each output's noise is an autoregression
-//! ([`Colour`], from a fit's own misfit), and whitening subtracts from each sample what those before it
-//! predict, and divides by the standard deviation of the rest. What is linear, the amplitudes of lines and an offset of
-//! each series, is eliminated: it is 0 numbers to the descent, which is that of Levenberg and Marquardt
-//! (variable projection: G. H. Golub and V. Pereyra, SIAM J. Numer. Anal. 10, 1973). A term that moves the phase is fitted to a first stretch, then to ever longer ones (`follow`),
+//! The cost is the sum of squares of the misfit as the noise sees it (`noise`), beside the best amplitudes of
+//! all that is linear (`elimination`). The descent is that of Levenberg and Marquardt. A term that moves the phase is fitted to a first stretch, then to ever longer ones (`follow`),
 //! because least squares over a whole decay does not find a phase again that is off by half a swing.
 
 use super::decays::Decays;
+use super::elimination::{Basis, Reached, columns_of, normal, reached};
 use super::motion::Motion;
-use super::plant::{OMEGA, Plant, Wave, motion, path, placed, plain_numbers, start_of, waves_of};
+use super::noise::{Colour, Noise, sizes};
+use super::plant::{OMEGA, Plant, motion, path, placed, plain_numbers, start_of, waves_of};
 use super::terms::Term;
 use inkling_core::model::descent::{Damping, descend};
 use nalgebra::{DMatrix, DVector};
 use std::f64::consts::{PI, TAU};
-use std::ops::{AddAssign, Range};
+use std::ops::Range;
 
-const MOST_ORDER: usize = 12;
 /// Damping of a descent's steps, and largest numbers of them: to converge, and to compare starts.
 const DAMPING: Damping = Damping { first: 1e-3, down: 0.1, least: 1e-12, up: 10.0, most: 3e8 };
 const MOST_STEPS: usize = 60;
 const FEW_STEPS: usize = 8;
 /// A harmonic may lie above half the sampling rate, where it is seen at its mirror image.
 const MOST_TURN: f64 = 8.0 * PI;
-
-/// The noise of one output: linear predictors of order 0, 1 ... p, and the standard deviation of what each
-/// leaves. That of order m expects sum_j phi_j y_{k-1-j} of sample k, over j < m.
-#[derive(Clone, Debug)]
-pub struct Colour {
-    pub predictors: Vec<Vec<f64>>,
-    /// The first one is that of the misfits themselves.
-    pub sds: Vec<f64>,
-}
-
-impl Colour {
-    pub fn white(sd: f64) -> Colour {
-        Colour { predictors: vec![Vec::new()], sds: vec![sd] }
-    }
-
-    pub fn order(&self) -> usize {
-        self.predictors.len() - 1
-    }
-
-    /// The autoregression of misfits, of the order that the Bayesian information criterion chooses (Levinson,
-    /// Durbin). `series`: stretches of the misfit of one output; `spent`: number of parameters that were
-    /// fitted to them.
-    pub fn of(series: &[&[f64]], spent: f64) -> Colour {
-        let count: usize = series.iter().map(|s| s.len()).sum();
-        let longest = series.iter().map(|s| s.len()).max().unwrap_or(0);
-        let most = MOST_ORDER.min(longest / 8);
-        let free = (count as f64 - spent).max(1.0);
-        let lag = |j: usize| -> f64 {
-            let products = series.iter().flat_map(|s| s.iter().zip(&s[j.min(s.len())..]));
-            products.map(|(a, b)| a * b).sum::<f64>() / free
-        };
-        let zero = lag(0).max(1e-300);
-        let mut all = Colour { predictors: vec![Vec::new()], sds: vec![zero.sqrt()] };
-        let (mut variance, mut phi) = (zero, Vec::<f64>::new());
-        let (mut best, mut least) = (0, free * zero.ln());
-
-        // Levinson's recursion: the next predictor is the last one, less its mirror image times the partial
-        // correlation (`mirror`), its own new coefficient; the variance falls by its square
-        for p in 1..=most {
-            let reached: f64 = phi.iter().enumerate().map(|(j, f)| f * lag(p - 1 - j)).sum();
-            let mirror = ((lag(p) - reached) / variance).clamp(-0.9999, 0.9999);
-            let old = phi.clone();
-            phi.iter_mut().zip(old.iter().rev()).for_each(|(f, o)| *f -= mirror * o);
-            phi.push(mirror);
-            variance *= 1.0 - mirror * mirror;
-            all.predictors.push(phi.clone());
-            all.sds.push(variance.max(1e-300).sqrt());
-            let criterion = free * variance.ln() + p as f64 * free.ln();
-            if criterion < least {
-                (best, least) = (p, criterion);
-            }
-        }
-        all.predictors.truncate(best + 1);
-        all.sds.truncate(best + 1);
-        all
-    }
-
-    /// The first samples of a series have fewer before them, and so are predicted by a lower order.
-    pub fn whiten(&self, series: &mut [f64]) {
-        let raw = series.to_vec();
-        for (k, w) in series.iter_mut().enumerate() {
-            let order = k.min(self.order());
-            let phi = &self.predictors[order];
-            let expected: f64 = phi.iter().enumerate().map(|(j, f)| f * raw[k - 1 - j]).sum();
-            *w = (raw[k] - expected) / self.sds[order];
-        }
-    }
-
-    pub fn ln_densities(&self, series: &[f64]) -> Vec<f64> {
-        let mut ln = series.to_vec();
-        self.whiten(&mut ln);
-        for (k, w) in ln.iter_mut().enumerate() {
-            let sd = self.sds[k.min(self.order())];
-            *w = -0.5 * (*w * *w + TAU.ln()) - sd.ln();
-        }
-        ln
-    }
-}
-
-/// Root mean square of each output's misfit, over all bursts. `misfit` is ordered as `decays.y`.
-pub fn sizes(misfit: &[f64], decays: &Decays) -> Vec<f64> {
-    let count = (decays.samples * decays.bursts) as f64;
-    let square = |output| decays.of_output(misfit, output).flatten().map(|r| r * r).sum::<f64>();
-    (0..decays.outputs).map(|output| (square(output) / count).sqrt().max(1e-12)).collect()
-}
-
-#[derive(Clone, Debug)]
-pub struct Noise {
-    pub colours: Vec<Colour>,
-    /// For each sample of a series whether it counts for nothing; empty if all count.
-    pub held_out: Vec<bool>,
-}
-
-impl Noise {
-    pub fn white(sds: &[f64]) -> Noise {
-        Noise { colours: sds.iter().map(|sd| Colour::white(*sd)).collect(), held_out: Vec::new() }
-    }
-
-    /// The share of the misfit's squares that the samples before predict, the largest of all outputs.
-    pub fn predictable(&self) -> f64 {
-        let of = |c: &Colour| 1.0 - (c.sds[c.order()] / c.sds[0]).powi(2);
-        self.colours.iter().map(of).fold(0.0, f64::max)
-    }
-
-    /// Sum of squares of a misfit, of so many samples in a series, as this noise sees it.
-    pub fn seen(&self, misfit: &[f64], samples: usize) -> f64 {
-        let mut misfit = misfit.to_vec();
-        misfit.chunks_mut(samples).enumerate().for_each(|(i, series)| self.apply_to(i, series));
-        misfit.iter().map(|w| w * w).sum()
-    }
-
-    /// Whitens the series with index i (by burst, then output), and clears what is held out.
-    fn apply_to(&self, i: usize, series: &mut [f64]) {
-        self.colours[i % self.colours.len()].whiten(series);
-        for (w, _) in series.iter_mut().zip(&self.held_out).filter(|(_, held)| **held) {
-            *w = 0.0;
-        }
-    }
-}
 
 #[derive(Clone, Debug)]
 pub struct Fit<'a> {
@@ -169,10 +48,8 @@ impl<'a> Fit<'a> {
         placed(self.decays, &self.terms)
     }
 
-    /// Index in `p` at which each line's numbers begin, and its waves.
-    pub fn lines(&self) -> impl Iterator<Item = (usize, Vec<Wave>)> {
-        let lines = self.placed().filter(|(term, _)| term.is_line());
-        lines.map(|(term, at)| (at, waves_of(term, at, &self.p)))
+    pub fn lines(&self) -> usize {
+        self.terms.iter().filter(|term| term.is_line()).count()
     }
 
     /// Which rows of `free` belong to each term.
@@ -376,205 +253,4 @@ impl<'a> Fit<'a> {
         }
         fit.descend(noise)
     }
-}
-
-fn columns_of(waves: &[Wave]) -> usize {
-    waves.iter().map(Wave::width).sum()
-}
-
-/// The columns of all waves as one output's noise sees them: q r, with q orthonormal. A column that others
-/// hold is 0 in q, and takes nothing.
-#[derive(Default)]
-struct Basis {
-    q: DMatrix<f64>,
-    r: DMatrix<f64>,
-}
-
-impl Basis {
-    /// By Gram and Schmidt, twice.
-    fn of(mut q: DMatrix<f64>) -> Basis {
-        let k = q.ncols();
-        let mut r = DMatrix::zeros(k, k);
-        for j in 0..k {
-            let (before, mut rest) = q.columns_range_pair_mut(..j, j..);
-            let mut column = rest.column_mut(0);
-            let size = column.norm();
-            for _ in 0..2 {
-                let taken = before.tr_mul(&column);
-                column.gemv(-1.0, &before, &taken, 1.0);
-                r.view_mut((0, j), (j, 1)).add_assign(&taken);
-            }
-            let left = column.norm();
-            let is_new = left > 1e-7 * size;
-            r[(j, j)] = if is_new { left } else { 0.0 };
-            column.scale_mut(if is_new { 1.0 / left } else { 0.0 });
-        }
-        Basis { q, r }
-    }
-
-    /// Removes what the columns can take of `y`, and returns its coordinates in q.
-    fn remove_from(&self, y: &mut DMatrix<f64>) -> DMatrix<f64> {
-        let taken = self.q.tr_mul(y);
-        y.gemm(-1.0, &self.q, &taken, 1.0);
-        taken
-    }
-
-    /// Standard deviation of the first column's amplitude: |r^-T e_1|.
-    fn sd_of_the_first(&self) -> f64 {
-        let mut solved: Vec<f64> = Vec::new();
-        for j in 0..self.r.ncols() {
-            let unit = if j == 0 { 1.0 } else { 0.0 };
-            let others: f64 = solved.iter().enumerate().map(|(i, x)| self.r[(i, j)] * x).sum();
-            let diagonal = self.r[(j, j)];
-            solved.push(if diagonal > 0.0 { (unit - others) / diagonal } else { 0.0 });
-        }
-        solved.iter().map(|x| x * x).sum::<f64>().sqrt()
-    }
-
-    /// Amplitudes of the columns from coordinates in q.
-    fn amplitudes(&self, taken: &DMatrix<f64>) -> Vec<f64> {
-        let k = self.r.ncols();
-        let mut amplitudes = vec![0.0; k];
-        for j in (0..k).rev().filter(|j| self.r[(*j, *j)] > 0.0) {
-            let others: f64 = (j + 1..k).map(|i| self.r[(j, i)] * amplitudes[i]).sum();
-            amplitudes[j] = (taken[j] - others) / self.r[(j, j)];
-        }
-        amplitudes
-    }
-}
-
-/// What a point of the descent has come to: for each output the basis, and for each series the whitened
-/// misfit and the amplitudes of all columns.
-#[derive(Default)]
-struct Reached {
-    bases: Vec<Basis>,
-    misfits: Vec<DMatrix<f64>>,
-    of_series: Vec<Vec<f64>>,
-}
-
-impl Reached {
-    fn amplitudes(&self) -> Vec<Vec<f64>> {
-        let columns = self.of_series.first().map_or(0, Vec::len);
-        (0..columns).map(|j| self.of_series.iter().map(|of| of[j]).collect()).collect()
-    }
-}
-
-/// Columns of the plant's samples as the noise of a series, or of its output, sees them.
-fn whitened(
-    mut columns: Vec<Vec<f64>>,
-    plant: &Plant,
-    noise: &Noise,
-    series: usize,
-) -> DMatrix<f64> {
-    columns.iter_mut().for_each(|column| noise.apply_to(series, column));
-    DMatrix::from_vec(plant.upto, columns.len(), columns.concat())
-}
-
-/// Sum of squares of the whitened misfit (infinite where the motion is lost).
-fn reached(plant: &Plant, p: &[f64], noise: &Noise) -> (f64, Reached) {
-    plant.decays.work.goes_on();
-    let waves = plant.waves(p);
-    let columns: Vec<Vec<f64>> = waves.iter().flat_map(|w| w.columns(plant.upto)).collect();
-    let outputs = plant.decays.outputs;
-    let bases: Vec<Basis> =
-        (0..outputs).map(|o| Basis::of(whitened(columns.clone(), plant, noise, o))).collect();
-    let mut all = Reached { bases, ..Reached::default() };
-    let mut sum = 0.0;
-    for (i, moved) in plant.moved(p).into_iter().enumerate() {
-        let measured = plant.decays.series(i / outputs, i % outputs);
-        let misfit = measured.iter().zip(moved).map(|(y, x)| y - x).collect();
-        let mut misfit = whitened(vec![misfit], plant, noise, i);
-        let basis = &all.bases[i % outputs];
-        let taken = basis.remove_from(&mut misfit);
-        sum += misfit.norm_squared();
-        all.of_series.push(basis.amplitudes(&taken));
-        all.misfits.push(misfit);
-    }
-    (if sum.is_finite() { sum } else { f64::INFINITY }, all)
-}
-
-/// J^T J and J^T r of the numbers, summed series by series, with what the free amplitudes take removed (L.
-/// Kaufman, BIT 15, 1975). The derivatives of waves are those of few columns for all series of an output,
-/// weighted by each series' amplitudes.
-fn normal(
-    plant: &Plant,
-    p: &[f64],
-    noise: &Noise,
-    reached: &Reached,
-) -> (DMatrix<f64>, DVector<f64>) {
-    let numbers = p.len();
-    let (mut gram, mut product) = (DMatrix::zeros(numbers, numbers), DVector::zeros(numbers));
-    let waves = plant.waves(p);
-    let Decays { bursts, outputs, .. } = *plant.decays;
-    let turns: Vec<DMatrix<f64>> = (0..outputs)
-        .map(|output| {
-            let times = |w: &Wave| waves_in_time(w, plant.upto);
-            let mut turns = whitened(waves.iter().flat_map(times).collect(), plant, noise, output);
-            reached.bases[output].remove_from(&mut turns);
-            turns
-        })
-        .collect();
-    let grams: Vec<DMatrix<f64>> = turns.iter().map(|z| z.tr_mul(z)).collect();
-    for burst in 0..bursts {
-        plant.decays.work.goes_on();
-        for (output, slopes) in plant.slopes(p, burst).into_iter().enumerate() {
-            let series = burst * outputs + output;
-            let misfit = &reached.misfits[series];
-            let (at, columns): (Vec<usize>, Vec<Vec<f64>>) = slopes.into_iter().unzip();
-            let mut moved = whitened(columns, plant, noise, output);
-            reached.bases[output].remove_from(&mut moved);
-            let (own, own_misfit) = (moved.tr_mul(&moved), moved.tr_mul(misfit));
-            let by = by_numbers(&waves, &reached.of_series[series], numbers);
-            let crossed = moved.tr_mul(&turns[output]) * &by;
-            for (i, row) in at.iter().enumerate() {
-                product[*row] += own_misfit[i];
-                at.iter().enumerate().for_each(|(j, column)| gram[(*row, *column)] += own[(i, j)]);
-                for number in 0..numbers {
-                    gram[(*row, number)] += crossed[(i, number)];
-                    gram[(number, *row)] += crossed[(i, number)];
-                }
-            }
-            gram += by.tr_mul(&(&grams[output] * &by));
-            product += by.tr_mul(&turns[output].tr_mul(misfit)).column(0);
-        }
-    }
-    (gram, product)
-}
-
-/// Time times the damped cosine and sine of a wave that numbers move.
-fn waves_in_time(wave: &Wave, samples: usize) -> Vec<Vec<f64>> {
-    if wave.by.is_empty() {
-        return Vec::new();
-    }
-    let mut columns = wave.columns(samples);
-    let in_time = |column: &mut Vec<f64>| {
-        column.iter_mut().enumerate().for_each(|(k, x)| *x *= k as f64);
-    };
-    columns.iter_mut().for_each(in_time);
-    columns
-}
-
-/// How much of each column of `waves_in_time` is in the derivative by each number. `free`: the amplitudes of
-/// a series.
-fn by_numbers(waves: &[Wave], free: &[f64], numbers: usize) -> DMatrix<f64> {
-    let moving = waves.iter().filter(|w| !w.by.is_empty());
-    let mut by = DMatrix::zeros(moving.map(Wave::width).sum(), numbers);
-    let (mut at, mut row) = (0, 0);
-    for wave in waves {
-        let columns = wave.width();
-        let a = free[at];
-        let b = if columns == 2 { free[at + 1] } else { 0.0 };
-        at += columns;
-        if wave.by.is_empty() {
-            continue;
-        }
-        for (number, [falls, turns]) in &wave.by {
-            by[(row, *number)] += b * turns - a * falls;
-            if columns == 2 {
-                by[(row + 1, *number)] += -a * turns - b * falls;
-            }
-        }
-        row += columns;
-    }
-    by
 }

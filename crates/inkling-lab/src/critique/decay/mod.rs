@@ -10,9 +10,11 @@
 
 mod children;
 mod decays;
+mod elimination;
 mod fit;
 mod gain;
 mod motion;
+mod noise;
 mod objections;
 mod onset;
 mod plant;
@@ -40,7 +42,7 @@ use super::words::{not_worth, ties};
 use super::work;
 use children::misfit_power;
 use decays::Decays;
-use fit::sizes;
+use noise::sizes;
 use selection::Selected;
 use std::f64::consts::TAU;
 

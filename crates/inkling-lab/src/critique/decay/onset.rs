@@ -8,8 +8,9 @@
 
 use super::children::{baseline, child};
 use super::decays::Decays;
-use super::fit::{Fit, Noise};
+use super::fit::Fit;
 use super::motion::Form;
+use super::noise::Noise;
 use super::selection::gain_in_bic;
 use super::structure::foreseen;
 use super::terms::{Line, Term};

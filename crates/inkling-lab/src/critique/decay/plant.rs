@@ -101,16 +101,10 @@ pub fn waves_of(term: Term, at: usize, p: &[f64]) -> Vec<Wave> {
                 Wave { sigma: p[at], omega: Some(omega + up * p[at + 1]), by }
             })
             .into(),
-        // the power k of the ring, and of an even one also what it has rectified
         Term::Line(Line::Harmonic(k)) => {
-            let times = f64::from(k);
-            let wave = |omega, by: f64| Wave {
-                sigma: times * sigma,
-                omega,
-                by: vec![(SIGMA, [times, 0.0]), (OMEGA, [0.0, by])],
-            };
-            let own = wave(Some(times * omega), times);
-            if k % 2 == 0 { vec![own, wave(None, 0.0)] } else { vec![own] }
+            let k = f64::from(k);
+            let by = vec![(SIGMA, [k, 0.0]), (OMEGA, [0.0, k])];
+            vec![Wave { sigma: k * sigma, omega: Some(k * omega), by }]
         }
         _ => Vec::new(),
     }

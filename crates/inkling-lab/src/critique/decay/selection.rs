@@ -17,8 +17,9 @@
 
 use super::children::{Added, baseline, child};
 use super::decays::Decays;
-use super::fit::{Fit, Noise};
+use super::fit::Fit;
 use super::motion::Form;
+use super::noise::Noise;
 use super::objections::objection;
 use super::terms::{Line, Term};
 use super::unnamed::unnamed;
@@ -221,7 +222,7 @@ impl<'a> System for &'a Decays {
         causes: &mut Vec<Chosen<Added<'a>>>,
     ) -> ControlFlow<Fit<'a>, Fit<'a>> {
         let newcomer = causes.last().map(|c| c.candidate.form.term);
-        let (there, lines) = (causes.len(), now.lines().count());
+        let (there, lines) = (causes.len(), now.lines());
         let alone = newcomer == Some(Term::Line(Line::Mode)) && lines == causes.len();
         if !alone {
             eliminate(&mut now, causes);
@@ -229,7 +230,7 @@ impl<'a> System for &'a Decays {
         }
         let is_there = causes.iter().any(|c| Some(c.candidate.form.term) == newcomer);
         let gone = causes.len() < there && !is_there
-            || newcomer.is_some_and(Term::is_line) && now.lines().count() < lines;
+            || newcomer.is_some_and(Term::is_line) && now.lines() < lines;
         if gone { ControlFlow::Break(now) } else { ControlFlow::Continue(now) }
     }
 }
@@ -243,7 +244,7 @@ pub fn select(decays: &Decays) -> Selected<'_> {
     eliminate(&mut fitted, &mut causes);
     let noise = fitted.noise();
     // the autoregression of what is left of many modes holds most of every mode
-    let mut fit = if fitted.lines().next().is_some() { fitted } else { fitted.descend(&noise) };
+    let mut fit = if fitted.lines() > 0 { fitted } else { fitted.descend(&noise) };
     let more = better_form(&mut fit, &mut causes, &noise);
     let form_is_known = more > margin(&fit, &noise);
     let covariance = fit.covariance(&noise);

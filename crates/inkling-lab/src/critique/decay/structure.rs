@@ -6,7 +6,8 @@
 //! rest; its control is the same of decays of the fitted model itself with as much noise as it leaves.
 
 use super::decays::Decays;
-use super::fit::{Fit, Noise, sizes};
+use super::fit::Fit;
+use super::noise::{Noise, sizes};
 use super::plant::{OMEGA, Plant, SIGMA};
 use super::selection::Selected;
 use super::terms::{Line, Term};

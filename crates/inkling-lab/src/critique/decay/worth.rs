@@ -7,7 +7,8 @@
 //! held-out sample, given the samples before it, is summed, and compared between models.
 
 use super::decays::Decays;
-use super::fit::{Colour, Fit, Noise};
+use super::fit::Fit;
+use super::noise::{Colour, Noise};
 use super::selection::Selected;
 use super::stretches::Stretches;
 use crate::critique::finding::{LogLikelihood, Worth};
