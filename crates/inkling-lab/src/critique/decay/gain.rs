@@ -251,6 +251,10 @@ fn local(y: &[f64], omega: f64, length: usize) -> Vec<[f64; 3]> {
     sums.windows(2).map(step).collect()
 }
 
+/// Amplitude of a stretch, in the unit of the recording; then, of the frequency and of the damping, what both
+/// models leave and the standard deviation, relative to the plain oscillation's.
+type Stretch = (f64, [[f64; 3]; 2]);
+
 /// Misfit of the frequency and the damping of single stretches, of four swings each, against their amplitude,
 /// in bins. `after`: the extended model's misfit; what that model expects of a stretch is measured in the
 /// simulated stretch as in the real one. Only the first output is looked at, which counts as the displacement.
@@ -261,9 +265,7 @@ fn against_amplitude(selected: &Selected, after: &[f64]) -> Vec<CovariateFigure>
     let rates = [selected.baseline.p[OMEGA], selected.baseline.p[SIGMA]];
     let length = ((4.0 * TAU / rates[0]).round() as usize).max(16);
     let noise = sizes(after, decays)[0];
-    // amplitude; of frequency and damping what both models leave and the standard deviation, relative to the
-    // plain oscillation's; only what is well above the noise tells something
-    let mut points: Vec<(f64, [[f64; 3]; 2])> = Vec::new();
+    let mut points: Vec<Stretch> = Vec::new();
     let series =
         |y: &[f64], b: usize| y[b * decays.outputs * decays.samples..][..decays.samples].to_vec();
     for b in 0..decays.bursts {
@@ -277,6 +279,7 @@ fn against_amplitude(selected: &Selected, after: &[f64]) -> Vec<CovariateFigure>
                 let [own, model] = [seen[j + 1], expected[j + 1]];
                 [(own - rates[j]) / base, (own - model) / base, sd / base]
             };
+            // only what is well above the noise tells something
             if seen[0] > 5.0 * noise {
                 points.push((seen[0] * decays.scale[0], [of(0), of(1)]));
             }
@@ -289,7 +292,7 @@ fn against_amplitude(selected: &Selected, after: &[f64]) -> Vec<CovariateFigure>
         return Vec::new();
     }
     let bins: Vec<_> = points.chunks(points.len().div_ceil(BINS)).collect();
-    let mean = |of: &dyn Fn(&(f64, [[f64; 3]; 2])) -> f64| -> Vec<f64> {
+    let mean = |of: &dyn Fn(&Stretch) -> f64| -> Vec<f64> {
         bins.iter().map(|bin| bin.iter().map(of).sum::<f64>() / bin.len() as f64).collect()
     };
     let of_parameter = |(which, parameter): (usize, &str)| {

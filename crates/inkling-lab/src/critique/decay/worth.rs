@@ -21,9 +21,7 @@ struct Judged(Vec<Vec<f64>>);
 /// plain oscillation and the final model, fitted in `noise`, which counts what is not held out.
 pub fn measure(selected: &Selected, refitted: &[Fit; 2], noise: &Noise) -> Option<LogLikelihood> {
     let fit = &selected.fit;
-    if selected.named().next().is_none() {
-        return None;
-    }
+    selected.named().next()?;
     let stretches = Stretches::of(fit.decays);
     let [plain, extended] = refitted.each_ref().map(|model| Judged::of(model, stretches));
     let mut by_cause = BTreeMap::new();
