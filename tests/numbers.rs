@@ -126,7 +126,10 @@ fn no_table_of_numbers_makes_the_critique_panic() {
 fn many_partials_ring_and_noise_does_not() {
     let mut rng = ChaCha8Rng::seed_from_u64(8_900_000);
     let mut told = |kind| told(&table(kind, [1, 1, 200], &mut rng), Rings::Oscillator);
-    assert!(told(Kind::Partials).is_ok() && told(Kind::Partials).is_ok());
+    for _ in 0..2 {
+        let of_partials = told(Kind::Partials);
+        assert!(of_partials.is_ok(), "{:?}", of_partials.err());
+    }
     assert!(told(Kind::Noise).is_err() && told(Kind::Noise).is_err());
 }
 

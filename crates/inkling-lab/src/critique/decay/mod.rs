@@ -213,14 +213,15 @@ fn no_free_decay(of: &Structure) -> String {
 
 /// Whether the model explains more than chance finds in as much noise. `explained`: share of the decays'
 /// squares. The statistic -n ln(1 - explained) of n samples is compared with chi-squared of as many degrees
-/// as there are numbers, and one of n/2 frequencies was chosen. Of a sound of many partials a single one
+/// as there are numbers but for the offsets, which explain no movement, and one of n/2 frequencies was chosen. Of a sound of many partials a single one
 /// explains little, so no share is asked for.
 fn rings(selected: &Selected, explained: f64) -> bool {
     let decays = selected.fit.decays;
     let samples = decays.y.len() as f64;
     let statistic = -samples * (1.0 - explained).max(1e-12).ln();
     let places = decays.samples as f64 / 2.0;
-    surprise(statistic, selected.fit.parameters(), places, f64::INFINITY) > THRESHOLD
+    let degrees = selected.fit.parameters().saturating_sub(decays.bursts * decays.outputs).max(1);
+    surprise(statistic, degrees, places, f64::INFINITY) > THRESHOLD
 }
 
 /// The named candidate that takes most of the misfit away, though it cannot be the cause.

@@ -4,7 +4,7 @@
 //! of modes, the one that foresees the later part better is fitted from ever earlier samples k on. What came before is no
 //! decay, and is taken for noise as large as it is: -2 ln likelihood is k ln(mean square of the first k) +
 //! (n - k) ln(mean square of the misfit from k on), summed over outputs. The least of these is the onset, if
-//! the misfit from there on is far smaller than it is from the first sample on.
+//! the share of the movement that is misfit from there on is far smaller than it is from the first sample on.
 
 use super::children::{baseline, child};
 use super::decays::Decays;
@@ -25,8 +25,8 @@ const STEPS: usize = 32;
 struct Tried {
     at: usize,
     deviance: f64,
-    /// ln of the misfit's mean square, the mean over outputs.
-    ln_square: f64,
+    /// ln of the misfit's mean square over that of the movement of the same samples, the mean over outputs.
+    ln_share: f64,
 }
 
 pub fn onset(decays: &Decays) -> usize {
@@ -45,7 +45,7 @@ pub fn onset(decays: &Decays) -> usize {
     let best = least(&mut tried.iter());
     let whole = least(&mut tried.iter().filter(|t| t.at == 0));
     match (best, whole) {
-        (Some(best), Some(whole)) if (best.ln_square - whole.ln_square).exp() < DRIVEN => best.at,
+        (Some(best), Some(whole)) if (best.ln_share - whole.ln_share).exp() < DRIVEN => best.at,
         _ => 0,
     }
 }
@@ -95,7 +95,9 @@ fn judged(decays: &Decays, fit: &Fit, at: usize) -> Option<Tried> {
     let ln_squares: f64 = fit.sizes().iter().map(|s| 2.0 * s.ln()).sum();
     let price = fit.parameters() as f64 * decays.ln_samples();
     let deviance = start + after * ln_squares + price;
-    Some(Tried { at, deviance, ln_square: ln_squares / decays.outputs as f64 })
+    // what decays leaves a smaller misfit later on, however badly it is fitted
+    let ln_moved: f64 = fit.decays.movement().iter().map(|moved| 2.0 * moved.ln()).sum();
+    Some(Tried { at, deviance, ln_share: (ln_squares - ln_moved) / decays.outputs as f64 })
 }
 
 fn grown<'a>(fit: &Fit<'a>, term: Term) -> Option<Fit<'a>> {
