@@ -42,6 +42,7 @@ use super::words::{not_worth, ties};
 use super::work;
 use children::misfit_power;
 use decays::Decays;
+use fit::Fit;
 use noise::sizes;
 use selection::Selected;
 use std::f64::consts::TAU;
@@ -125,7 +126,9 @@ pub fn critique(data: &Observations) -> Result<Outcome, CritiqueError> {
     let sum = |y: &[f64]| y.iter().map(|v| v * v).sum::<f64>();
     // an offset may be the larger part of the signals: the ring is judged by the movement that it explains
     let explained = 1.0 - sum(&selected.fit.misfit()) / sum(&decays.y);
-    if explained.is_nan() || !rings(&selected, explained) {
+    // a sound of many partials follows from the samples before, though a single one explains little of it
+    let sounds = || Fit::zero(&decays).noise().predictable() > MOSTLY;
+    if explained.is_nan() || !rings(&selected, explained) && !sounds() {
         return Err(CritiqueError::NoRing);
     }
 
@@ -213,8 +216,7 @@ fn no_free_decay(of: &Structure) -> String {
 
 /// Whether the model explains more than chance finds in as much noise. `explained`: share of the decays'
 /// squares. The statistic -n ln(1 - explained) of n samples is compared with chi-squared of as many degrees
-/// as there are numbers but for the offsets, which explain no movement, and one of n/2 frequencies was chosen. Of a sound of many partials a single one
-/// explains little, so no share is asked for.
+/// as there are numbers but for the offsets, which explain no movement, and one of n/2 frequencies was chosen.
 fn rings(selected: &Selected, explained: f64) -> bool {
     let decays = selected.fit.decays;
     let samples = decays.y.len() as f64;
