@@ -142,8 +142,14 @@ fn recording(effect: Effect, seed: u64) -> Observations {
 fn answer(effect: Effect, seed: u64) -> (bool, String) {
     let c = critique(&recording(effect, seed), Rings::Oscillator, false).unwrap().critique;
     let names: Vec<&str> = c.causes.iter().map(|c| c.id.name()).collect();
+    let is_tied =
+        |name: &str| c.causes.iter().any(|of| of.tied_with.iter().any(|id| id.name() == name));
     let is_right = match effect.name() {
-        Some(name) => matches!(c.verdict, Verdict::Named | Verdict::Tie) && names == [name],
+        Some(name) => match c.verdict {
+            Verdict::Named => names == [name],
+            Verdict::Tie => names == [name] || names.len() == 1 && is_tied(name),
+            _ => false,
+        },
         None => c.verdict != Verdict::Named,
     };
     (is_right, format!("{effect:?} {seed}: {:?} {names:?}: {}", c.verdict, c.sentence))

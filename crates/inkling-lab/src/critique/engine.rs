@@ -121,6 +121,7 @@ fn of_ink_channels(all: &Observations, labelled: bool) -> Result<Outcome, Critiq
         misfit: measured.misfit,
         gain: measured.gain,
         extended_model: None,
+        plant: None,
         remarks,
         signals: Signals {
             found: all.found,

@@ -22,6 +22,9 @@ pub struct Critique {
     /// File name of the extended design, beside this document; absent where none was made.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub extended_model: Option<String>,
+    /// Of an oscillator.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub plant: Option<Structure>,
     pub sentence: String,
     /// What remains unexplained, which outliers were left out, which experiment would settle a tie.
     pub remarks: Vec<String>,
@@ -89,6 +92,32 @@ impl Cause {
             named.chain(self.tied_unnamed.iter().map(|id| id.row().words)).collect();
         all.join(" or ")
     }
+}
+
+/// What an oscillator is.
+#[derive(Clone, Debug, Serialize)]
+pub struct Structure {
+    /// The largest first.
+    pub modes: Vec<Mode>,
+    /// Where its decay begins to be free, after the first sample.
+    pub onset_s: f64,
+    pub forecast: Forecast,
+}
+
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct Mode {
+    pub frequency_hz: f64,
+    pub ci95: [f64; 2],
+    pub damping_per_s: f64,
+    /// Of the squares of what all modes show.
+    pub share: f64,
+}
+
+/// Error of a forecast of the last 40 % of the record, and of one of the fitted model with noise.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct Forecast {
+    pub record_percent: f64,
+    pub control_percent: f64,
 }
 
 /// A cause that these data cannot test, and what it would need.

@@ -49,7 +49,7 @@ pub struct Squares {
     pub chi2: f64,
     /// Sum of squares of the misfit, counts²; for a signal, about the model's mean.
     pub misfit: f64,
-    /// Sum of squares of the signal about its mean, counts²; of a decay, about 0.
+    /// Sum of squares of the signal about its mean, counts².
     pub signal: f64,
     pub samples: f64,
 }

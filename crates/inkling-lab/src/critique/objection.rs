@@ -46,14 +46,10 @@ pub enum Objection {
     Alias,
     #[error("the spring would push away at the largest amplitude")]
     PushesAway,
-    #[error("its damping cannot be told from none")]
-    Undamped,
+    #[error("it is weaker at the end: no tone")]
+    Fades,
     #[error("it is no line of the spectrum")]
     NoLine,
-    #[error("it lies on {0} times the frequency of the ring, or its mirror image")]
-    Multiple(i32),
-    #[error("it cannot be told from a line that is in the model")]
-    KnownLine,
     /// In a coloured misfit anything takes some of it: a line must take a tenth, another cause 3 %.
     #[error("it is little of what is left")]
     TooWeak,

@@ -87,6 +87,7 @@ fn full(name: &str) -> Critique {
             },
         },
         extended_model: Some(name.into()),
+        plant: None,
         sentence: format!("An interference of 0.6 counts at 100 kHz is in the signals of {name}."),
         remarks: vec![format!("3 outliers on {name} were left out.")],
         equation: "y = C x + 0.6 cos(2 pi 100 kHz t + 0.7)".into(),

@@ -61,9 +61,13 @@ pub const LEAST_MODE: f64 = 0.3;
 pub const SHOWS_ITS_LOSS: f64 = 400.0;
 /// Largest factor, either way, between the fitted and the predicted damping of the slow mode. (7.1)
 pub const OTHER_LOSS: f64 = 2.5;
-/// Lines of a decay that are so near to a multiple of the ring are its harmonics, relative. (-; at .1 two
-/// of six decays lose their mode)
-pub const HARMONIC: f64 = 0.01;
+/// Share of the movement that a forecast may miss: boards that are still driven miss .35 at least, free ones .28
+/// at most (`../shared/reviews/structures`).
+pub const FORESEEN: f64 = 0.3;
+
+/// A decay was driven at first if the square of the misfit from its onset on is less than this share of that
+/// from its first sample on: .01 to .17 in swings that were let go after the record began (`../shared/measured`).
+pub const DRIVEN: f64 = 0.2;
 
 // signals that ring unlike the others
 

@@ -19,7 +19,8 @@ pub const WHAT_IS_LEFT: Stage = ("checking what is left", 0.75);
 pub const GAIN: Stage = ("measuring the gain", 0.8);
 pub const DESIGN: Stage = ("extending the design", 0.95);
 // of oscillators
-pub const OSCILLATION: Stage = ("fitting one damped oscillation", 0.0);
+pub const ONSET: Stage = ("looking for where the decays become free", 0.0);
+pub const OSCILLATION: Stage = ("fitting one damped oscillation", 0.15);
 pub const TERMS: Stage = ("trying what may be added", 0.2);
 
 pub enum Now {

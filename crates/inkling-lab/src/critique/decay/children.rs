@@ -8,8 +8,9 @@
 //! (`Fit::follow`), and the better of both fits stays.
 
 use super::decays::Decays;
-use super::fit::{Fit, Noise, sizes};
-use super::objections::lowest_line;
+use super::fit::Fit;
+use super::noise::{Noise, sizes};
+use super::objections::{lowest_line, objection};
 use super::plant::{OMEGA, SIGMA};
 use super::spectrum;
 use super::terms::{Line, Term};
@@ -23,10 +24,14 @@ pub struct Added<'a> {
     pub fit: Fit<'a>,
     /// Share of the parent's misfit (its squares) that the term takes away.
     pub share: f64,
+    /// By how much it lowers BIC in white noise.
+    pub bic: f64,
 }
 
-/// Number of peaks of the misfit's spectrum at which a line is tried.
+/// Number of peaks of the misfit's spectrum at which a line is tried, and by how many powers of e it falls in
+/// the record where its search begins.
 const PEAKS: usize = 3;
+const FALLS: [f64; 3] = [1.0, 4.0, 12.0];
 
 /// Number of samples in the first three swings.
 fn first_swings(omega: f64) -> usize {
@@ -48,8 +53,7 @@ pub fn misfit_power(misfit: &[f64], decays: &Decays) -> Vec<f64> {
     spectrum::total(centred.chunks(decays.samples).enumerate().map(scaled), 1.0)
 }
 
-/// The damped oscillation that explains most, in white noise. It is searched beside an offset, so
-/// that it does not slow down to stand in for one, and then fitted without.
+/// The damped oscillation that explains most, in white noise, beside an offset of each series.
 pub fn baseline(decays: &Decays) -> Fit<'_> {
     let plain = Fit::zero(decays);
     let white = Noise::white(&vec![1.0; decays.outputs]);
@@ -60,19 +64,15 @@ pub fn baseline(decays: &Decays) -> Fit<'_> {
     let peaks = spectrum::peaks(&power, lowest_line(decays), 2.0 * resolution, 2);
     let starts = peaks.iter().flat_map(|omega| [0.5, 4.0].map(|falls| (*omega, falls)));
     let fits = starts.flat_map(|(omega, falls)| {
-        let mut start = plain.with(Term::Offset);
+        let mut start = plain.clone();
         (start.p[OMEGA], start.p[SIGMA]) = (omega, falls / decays.samples as f64);
         [start.follow(&white, first_swings(omega)), start.descend(&white)]
     });
-    let start = match fits.min_by(|p, q| p.cost.total_cmp(&q.cost)) {
-        Some(fit) => fit.without(|_| true),
-        None => {
-            let mut slowest = plain.clone();
-            slowest.p[OMEGA] = lowest_line(decays);
-            slowest
-        }
-    };
-    start.descend(&white)
+    fits.min_by(|p, q| p.cost.total_cmp(&q.cost)).unwrap_or_else(|| {
+        let mut slowest = plain.clone();
+        slowest.p[OMEGA] = lowest_line(decays);
+        slowest.descend(&white)
+    })
 }
 
 /// Starting points of a candidate, each at its parent's optimum, with strength 0.
@@ -93,46 +93,56 @@ fn starts<'a>(parent: &Fit<'a>, term: Term) -> Vec<Fit<'a>> {
     }
 }
 
-/// Starting points of a line, with amplitude 0: one for each of the `PEAKS` highest peaks of the
-/// misfit's spectrum, leaving out peaks, but for the first, that lie near frequencies of the model.
+/// Starting points of a line, one for each of the `PEAKS` highest peaks of the misfit's spectrum, with the
+/// damping that leaves least.
 fn line_starts<'a>(parent: &Fit<'a>, line: Line) -> Vec<Fit<'a>> {
     let decays = parent.decays;
-    let resolution = TAU / decays.samples as f64;
+    let length = decays.samples as f64;
+    let resolution = TAU / length;
     let power = misfit_power(&parent.misfit(), decays);
-    let tops = spectrum::peaks(&power, lowest_line(decays), 2.0 * resolution, 40);
-    let own = parent.p[OMEGA];
-    let known: Vec<f64> = parent.lines().flat_map(|(_, omegas)| omegas).chain([own]).collect();
-    let elsewhere = |w: &&f64| known.iter().all(|k| (k - *w).abs() > 0.05 * k + 2.0 * resolution);
-    let others = tops.iter().skip(1).filter(elsewhere).take(PEAKS - 1);
-
-    let rate = parent.p[SIGMA].abs().max(1.0 / decays.samples as f64);
-    let at = parent.p.len();
-    let start = |omega: &f64| {
-        let mut start = parent.with(Term::Line(line));
-        start.p[at] = if line.is_damped() { rate } else { 0.0 };
-        start.p[at + 1] = if line == Line::SideBands { (omega - own).abs() } else { *omega };
-        start
+    let tops = spectrum::peaks(&power, lowest_line(decays), resolution, PEAKS);
+    let white = Noise::white(&parent.sizes());
+    let (own, at) = (parent.p[OMEGA], parent.p.len());
+    let numbers: Vec<Vec<f64>> = match line {
+        Line::Harmonic(_) => vec![Vec::new()],
+        Line::Tone => tops.iter().map(|omega| vec![*omega]).collect(),
+        Line::Mode | Line::SideBands => {
+            let distance = if line == Line::SideBands { own } else { 0.0 };
+            let of =
+                |omega: &f64| FALLS.map(|falls| vec![falls / length, (omega - distance).abs()]);
+            tops.iter().flat_map(of).collect()
+        }
     };
-    tops.iter().take(1).chain(others).map(start).collect()
+    let start = |numbers: Vec<f64>| {
+        let mut start = parent.with(Term::Line(line));
+        start.p[at..].copy_from_slice(&numbers);
+        start.solved(&white)
+    };
+    let starts: Vec<Fit> = numbers.into_iter().map(start).collect();
+    let each = starts.chunks(if line.is_damped() { FALLS.len() } else { 1 });
+    each.filter_map(|of| of.iter().min_by(|p, q| p.cost.total_cmp(&q.cost)).cloned()).collect()
 }
 
-/// Fits a candidate from its parent's optimum on. A line gives one fit for each place, after a few
-/// steps only, any other term one fit: of several second numbers the likeliest after a few steps is
-/// followed.
-pub fn children<'a>(parent: &Fit<'a>, term: Term, noise: &Noise) -> Vec<Fit<'a>> {
+/// Fits a candidate from its parent's optimum on. Of several starts the likeliest after a few steps is
+/// followed, of those that nothing speaks against if there are any.
+pub fn child<'a>(parent: &Fit<'a>, term: Term, noise: &Noise) -> Option<Fit<'a>> {
     let starts = starts(parent, term);
-    let tries = || starts.iter().map(|start| start.few_steps(noise));
-    if term.is_line() {
-        return tries().collect();
-    }
-    let best_start = (starts.len() > 1)
-        .then(tries)
-        .and_then(|all| all.min_by(|p: &Fit, q: &Fit| p.cost.total_cmp(&q.cost)));
-    let start = best_start.as_ref().unwrap_or(&starts[0]);
+    let start = match &starts[..] {
+        [only] => only.clone(),
+        several => {
+            let tried = several.iter().map(|start| start.few_steps(noise));
+            let judged = tried.map(|fit| {
+                let against = objection(&fit, parent.terms.len(), &fit.covariance(noise));
+                (against.is_some(), fit)
+            });
+            judged.min_by(|(p, a), (q, b)| p.cmp(q).then(a.cost.total_cmp(&b.cost)))?.1
+        }
+    };
     let best = start.descend(noise);
-    if !term.moves_phase() {
-        return vec![best];
+    // beside further modes, the phase of one is no longer in sight in the first swings
+    if !term.moves_phase() || parent.lines() > 0 {
+        return Some(best);
     }
     let followed = start.follow(noise, first_swings(parent.p[OMEGA]));
-    vec![if followed.cost < best.cost { followed } else { best }]
+    Some(if followed.cost < best.cost { followed } else { best })
 }

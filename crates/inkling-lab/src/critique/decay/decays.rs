@@ -99,6 +99,24 @@ impl Decays {
         })
     }
 
+    /// The same decays, from a later sample on.
+    pub fn from(&self, skipped: usize) -> Decays {
+        let y =
+            self.y.chunks(self.samples).flat_map(|series| &series[skipped..]).copied().collect();
+        Decays { samples: self.samples - skipped, y, ..self.clone() }
+    }
+
+    /// Root mean square of each output about its mean in each burst.
+    pub fn movement(&self) -> Vec<f64> {
+        let square = |y: &[f64]| {
+            let mean = y.iter().sum::<f64>() / y.len() as f64;
+            y.iter().map(|v| (v - mean).powi(2)).sum::<f64>()
+        };
+        let of_output = |o: usize| self.of_output(&self.y, o).map(square).sum::<f64>();
+        let count = (self.samples * self.bursts) as f64;
+        (0..self.outputs).map(|o| (of_output(o) / count).sqrt().max(1e-12)).collect()
+    }
+
     /// Logarithm of the number of samples: the price of a parameter in the Bayesian information criterion.
     pub fn ln_samples(&self) -> f64 {
         (self.y.len() as f64).ln()

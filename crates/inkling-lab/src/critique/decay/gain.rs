@@ -8,7 +8,8 @@
 //! not measured: a single oscillator has no fault classes.
 
 use super::decays::Decays;
-use super::fit::{Colour, Fit, sizes};
+use super::fit::Fit;
+use super::noise::{Colour, sizes};
 use super::plant::{OMEGA, SIGMA};
 use super::selection::Selected;
 use super::stretches::Stretches;
@@ -22,7 +23,7 @@ use crate::critique::finding::{
 };
 use crate::critique::gain::Squares;
 use inkling_core::model::median::median;
-use nalgebra::{DMatrix, DVector};
+use nalgebra::Complex;
 use std::f64::consts::TAU;
 use std::ops::Range;
 
@@ -95,8 +96,11 @@ fn squares(
     series: usize,
     of: Range<usize>,
 ) -> Squares {
-    let sum = |y: &[f64]| y[series * decays.samples..][of.clone()].iter().map(|v| v * v).sum();
-    let (misfit, signal): (f64, f64) = (sum(misfit), sum(&decays.y));
+    let own = |y: &'_ [f64]| y[series * decays.samples..][..decays.samples].to_vec();
+    let (misfit, signal) = (own(misfit), own(&decays.y));
+    let mean = signal.iter().sum::<f64>() / signal.len() as f64;
+    let misfit: f64 = misfit[of.clone()].iter().map(|r| r * r).sum();
+    let signal: f64 = signal[of.clone()].iter().map(|y| (y - mean).powi(2)).sum();
     let chi2 = misfit / sds[series % decays.outputs].powi(2);
     Squares { chi2, misfit, signal, samples: of.len() as f64 }
 }
@@ -141,8 +145,8 @@ pub fn measure(selected: &Selected) -> (Misfit, Gain) {
 
     let stretches = Stretches::of(decays);
     let noise = stretches.noise(&sds);
-    let anew = |fit: &Fit| fit.descend(&noise).misfit();
-    let (plain, extended) = (anew(&selected.baseline), anew(&selected.fit));
+    let refitted = [&selected.baseline, &selected.fit].map(|fit| fit.descend(&noise));
+    let [plain, extended] = refitted.each_ref().map(Fit::misfit);
 
     // each output's noise is what the extended model leaves where it was fitted
     let kept: Vec<f64> = (0..decays.outputs)
@@ -167,7 +171,7 @@ pub fn measure(selected: &Selected) -> (Misfit, Gain) {
             fitted_signals: decays.bursts * decays.outputs,
             fitted_channels: decays.outputs,
         },
-        log_likelihood_per_signal: worth::measure(selected),
+        log_likelihood_per_signal: worth::measure(selected, &refitted, &noise),
         ..Gain::default()
     };
     (misfit, gain)
@@ -232,112 +236,76 @@ pub fn draw(selected: &Selected) -> Figures {
     }
 }
 
-/// Amplitude, frequency and damping of a stretch `y`, with the standard deviations of the latter
-/// two (which are alike); rates per sample. `omega`: frequency from which the search begins.
-/// `None`: nothing moves.
-///
-/// Fits (a + a' t) cos wt + (b + b' t) sin wt + c, with t from the middle. Then w is too large by
-/// (a b' - b a')/(a² + b²), and -(a a' + b b')/(a² + b²) is the damping. Repeats this with w
-/// corrected.
-fn local(y: &[f64], omega: f64) -> Option<[f64; 5]> {
-    let middle = 0.5 * (y.len() - 1) as f64;
-    let mut omega = omega;
-    let mut found = None;
-    for _ in 0..3 {
-        let basis = DMatrix::from_fn(y.len(), 5, |k, j| {
-            let t = k as f64 - middle;
-            let (s, c) = (omega * t).sin_cos();
-            [c, s, t * c, t * s, 1.0][j]
-        });
-        let inverse = basis.tr_mul(&basis).try_inverse()?;
-        let values = DVector::from_column_slice(y);
-        let x = &inverse * basis.tr_mul(&values);
-        let left = (&values - &basis * &x).norm_squared() / (y.len() as f64 - 5.0).max(1.0);
-        let (a, b, da, db) = (x[0], x[1], x[2], x[3]);
-        let square = a * a + b * b;
-        if square <= 0.0 || !square.is_finite() {
-            return None; // at rest: it has no frequency
-        }
-        let turn = (a * db - b * da) / square;
-        let fall = -(a * da + b * db) / square;
-        let sd = (left * 0.5 * (inverse[(2, 2)] + inverse[(3, 3)]) / square).sqrt();
-        if !turn.is_finite() {
-            return None;
-        }
-        omega -= turn.clamp(-0.2 * omega, 0.2 * omega);
-        found = Some([square.sqrt(), omega, fall, sd, sd]);
-    }
-    found
+/// For each stretch but the last its amplitude, and the frequency and the damping that turn it into the next
+/// one's, per sample: from the complex amplitudes that a wave of frequency `omega` has in both.
+fn local(y: &[f64], omega: f64, length: usize) -> Vec<[f64; 3]> {
+    let mean = y.iter().sum::<f64>() / y.len() as f64;
+    let turned = |k: usize, y: f64| Complex::from_polar(y - mean, -omega * k as f64);
+    let all: Vec<Complex<f64>> = y.iter().enumerate().map(|(k, y)| turned(k, *y)).collect();
+    let sums = all.chunks_exact(length).map(|part| part.iter().sum::<Complex<f64>>());
+    let sums: Vec<Complex<f64>> = sums.map(|sum| sum * 2.0 / length as f64).collect();
+    let step = |pair: &[Complex<f64>]| {
+        let (size, turn) = (pair[1] / pair[0]).to_polar();
+        [pair[0].norm(), omega + turn / length as f64, -size.ln() / length as f64]
+    };
+    sums.windows(2).map(step).collect()
 }
 
-/// Amplitude of a stretch, in the unit of the recording; then, of the frequency and of the damping:
-/// the relative misfit of the plain oscillation, that of the extended model, and the standard
-/// deviation of both.
+/// Amplitude of a stretch, in the unit of the recording; then, of the frequency and of the damping, what both
+/// models leave and the standard deviation, relative to the plain oscillation's.
 type Stretch = (f64, [[f64; 3]; 2]);
 
-/// Misfit of the frequency and the damping of single stretches against their amplitude, in bins.
-/// `after`: the extended model's misfit; what that model expects of a stretch is measured in the
-/// simulated stretch as in the real one. Only the first output is looked at, which counts as the
-/// displacement. Empty where less than three stretches tell something.
+/// Misfit of the frequency and the damping of single stretches, of four swings each, against their amplitude,
+/// in bins. `after`: the extended model's misfit; what that model expects of a stretch is measured in the
+/// simulated stretch as in the real one. Only the first output is looked at, which counts as the displacement.
+/// Empty where less than three stretches tell something, or several modes ring.
 fn against_amplitude(selected: &Selected, after: &[f64]) -> Vec<CovariateFigure> {
     let decays = selected.fit.decays;
     const BINS: usize = 8;
-    let n = decays.samples;
-    let (sigma, omega) = (selected.baseline.p[SIGMA], selected.baseline.p[OMEGA]);
-    let length = ((4.0 * TAU / omega).ceil() as usize).max(16);
+    let rates = [selected.baseline.p[OMEGA], selected.baseline.p[SIGMA]];
+    let length = ((4.0 * TAU / rates[0]).round() as usize).max(16);
     let noise = sizes(after, decays)[0];
     let mut points: Vec<Stretch> = Vec::new();
+    let series =
+        |y: &[f64], b: usize| y[b * decays.outputs * decays.samples..][..decays.samples].to_vec();
     for b in 0..decays.bursts {
-        let (y, left) = (decays.series(b, 0), &after[b * decays.outputs * n..][..n]);
-        for (y, left) in y.chunks_exact(length).zip(left.chunks_exact(length)) {
-            let simulated: Vec<f64> = y.iter().zip(left).map(|(y, r)| y - r).collect();
-            let (Some(seen), Some(expected)) = (local(y, omega), local(&simulated, omega)) else {
-                continue;
+        let (y, left) = (series(&decays.y, b), series(after, b));
+        let simulated: Vec<f64> = y.iter().zip(left).map(|(y, r)| y - r).collect();
+        let both = [&y, &simulated].map(|y| local(y, rates[0], length));
+        for (seen, expected) in both[0].iter().zip(&both[1]) {
+            let sd = 2.0 * noise / seen[0] / (length as f64).powf(1.5);
+            let of = |j: usize| {
+                let base = rates[j].abs().max(1e-9);
+                let [own, model] = [seen[j + 1], expected[j + 1]];
+                [(own - rates[j]) / base, (own - model) / base, sd / base]
             };
-            // Only what is well above the noise, and has a frequency, tells something. Of frequency
-            // and damping: the misfits of both models and the standard deviation, relative to the
-            // plain oscillation.
-            if seen[0] > 5.0 * noise && seen[3] < 0.05 * omega {
-                let each = |j: usize, base: f64| {
-                    let base_or = if base.abs() > 1e-9 { base } else { 1e-9 };
-                    [
-                        (seen[j] - base) / base_or,
-                        (seen[j] - expected[j]) / base_or,
-                        (seen[j + 2] / base_or).abs(),
-                    ]
-                };
-                points.push((seen[0] * decays.scale[0], [each(1, omega), each(2, sigma)]));
+            // only what is well above the noise tells something
+            if seen[0] > 5.0 * noise {
+                points.push((seen[0] * decays.scale[0], [of(0), of(1)]));
             }
         }
     }
 
-    points.retain(|(a, of)| a.is_finite() && of.iter().flatten().all(|v| v.is_finite()));
+    points.retain(|(_, of)| of.iter().flatten().all(|v| v.is_finite()));
     points.sort_by(|p, q| p.0.total_cmp(&q.0));
-    if points.len() < 3 {
+    if points.len() < 3 || selected.fit.lines() > 0 {
         return Vec::new();
     }
     let bins: Vec<_> = points.chunks(points.len().div_ceil(BINS)).collect();
-    let mean = |bin: &[Stretch], of: &dyn Fn(&Stretch) -> f64| {
-        bin.iter().map(of).sum::<f64>() / bin.len() as f64
+    let mean = |of: &dyn Fn(&Stretch) -> f64| -> Vec<f64> {
+        bins.iter().map(|bin| bin.iter().map(of).sum::<f64>() / bin.len() as f64).collect()
     };
     let of_parameter = |(which, parameter): (usize, &str)| {
-        let curve = |state: usize| {
-            let y = bins.iter().map(|bin| mean(bin, &|p| p.1[which][state])).collect();
-            let bars = bins.iter().map(|bin| {
-                let squares = bin.iter().map(|p| p.1[which][2].powi(2)).sum::<f64>();
-                1.96 * squares.sqrt() / bin.len() as f64
-            });
-            Curve::about(y, bars)
-        };
+        let squares = mean(&|p| p.1[which][2].powi(2));
+        let bars = squares.iter().zip(&bins).map(|(v, bin)| 1.96 * (v / bin.len() as f64).sqrt());
+        let bars: Vec<f64> = bars.collect();
+        let curve = |state: usize| Curve::about(mean(&|p| p.1[which][state]), bars.clone());
+        let means = Compared { x: mean(&|p| p.0), before: curve(0), after: curve(1) };
         CovariateFigure {
             covariate: "amplitude".into(),
             unit: UNIT.into(),
             parameter: parameter.into(),
-            means: Compared {
-                x: bins.iter().map(|bin| mean(bin, &|p| p.0)).collect(),
-                before: curve(0),
-                after: curve(1),
-            },
+            means,
             ..CovariateFigure::default()
         }
     };

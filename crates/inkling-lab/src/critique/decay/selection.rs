@@ -2,23 +2,29 @@
 //!
 //! In: decays. Out: [`Selected`]. The search itself is that of all plants (`search.rs`); this file says:
 //!
-//! 1. `tried`: each term that may join is fitted beside the parent, which is the model so far (`candidates`),
-//!    and compared in the metric of the noise that the best candidate leaves (`judged`). A coefficient of the
-//!    unphysical sign, or a line that is an alias of something else, is an objection (`objections`).
-//! 2. `round`: candidates that passed compete by BIC.
+//! 1. `candidates`: each term that may join is fitted beside the parent, which is the model so far, in white
+//!    noise: coloured noise hides a mode, which the samples before predict as well. What it explains must yet
+//!    be more than chance in the colour of what the best of them leaves. A coefficient of the unphysical
+//!    sign is an objection (`objections`).
+//! 2. `round`: candidates that passed compete by BIC, so whether a line is a mode, a tone, a harmonic or a
+//!    side band is one comparison.
 //! 3. `settled`: terms that are now superfluous go (`eliminate`), and a rival without a name gives way to a
 //!    named term that explains as much beside all others (`exchange`).
+//! 4. `offset`: each series has an offset of its own from the start; the one that all decays share is a cause.
 //!
-//! Causes and the fit's terms stand in the same order, so one index serves both.
+//! Causes and the fit's terms stand in the same order; during the search the offset, which is the first term,
+//! is no cause yet.
 
-use super::children::{Added, baseline, children};
+use super::children::{Added, baseline, child};
 use super::decays::Decays;
-use super::fit::{Fit, Noise};
+use super::fit::Fit;
 use super::motion::Form;
+use super::noise::Noise;
 use super::objections::objection;
 use super::terms::{Line, Term};
 use super::unnamed::unnamed;
 use crate::critique::candidate::{Candidate, Chosen};
+use crate::critique::catalogue::CauseId;
 use crate::critique::chance::{DETECTION_LIMIT, THRESHOLD, surprise};
 use crate::critique::finding::Evidence;
 use crate::critique::objection::Objection;
@@ -29,6 +35,9 @@ use inkling_core::numbers::LITTLE;
 use inkling_core::side_by_side::{cores, side_by_side};
 use nalgebra::DMatrix;
 use std::ops::ControlFlow;
+
+/// Causes that bend the ring itself.
+const BENT: [CauseId; 3] = [CauseId::CubicStiffness, CauseId::QuadraticDrag, CauseId::DryFriction];
 
 pub type Tried<'a> = Candidate<Added<'a>>;
 
@@ -58,7 +67,7 @@ impl<'a> Selected<'a> {
     pub fn named(&self) -> impl Iterator<Item = (usize, &Chosen<Added<'a>>)> {
         let rival = self.strongest_rival().map_or(0.0, |rival| rival.statistic);
         let least = if self.causes.len() > 1 { rival.max(DETECTION_LIMIT) } else { rival };
-        let is_named = move |c: &Tried| c.has_name() && c.statistic > least;
+        let is_named = move |c: &Tried| c.has_name() && c.accepted() && c.statistic > least;
         self.causes.iter().enumerate().filter(move |(_, c)| is_named(&c.candidate))
     }
 }
@@ -70,73 +79,82 @@ fn deviance(fit: &Fit) -> f64 {
     fit.sizes().iter().map(|s| 2.0 * count * s.ln()).sum()
 }
 
-/// Fits all candidates beside the parent's terms, in white noise. Of forms of one cause, and places of a
-/// line, the best stays.
-fn candidates<'a>(parent: &Fit<'a>) -> Vec<Tried<'a>> {
-    let decays = parent.decays;
-    let plain = Noise::white(&parent.sizes());
-    let all = Term::NAMED
-        .into_iter()
-        .chain(Line::ALL.map(Term::Line))
-        .chain(unnamed().map(Term::Unnamed));
-    let before = deviance(parent);
+/// By how much BIC falls from the parent to the fit, in white noise.
+pub fn gain_in_bic(parent: &Fit, fit: &Fit) -> f64 {
+    let more = fit.parameters() as f64 - parent.parameters() as f64;
+    deviance(parent) - deviance(fit) - more * fit.decays.ln_samples()
+}
+
+/// Fits terms beside the parent's, in white noise, and tests them in the noise that the best of them leaves:
+/// their statistic is the fall of the misfit's squares as that noise sees them. Of forms of one cause the
+/// best stays.
+fn candidates<'a>(parent: &Fit<'a>, terms: Vec<Term>) -> Vec<Tried<'a>> {
+    let white = Noise::white(&parent.sizes());
+    let fits = side_by_side(cores(), terms.clone(), |term| child(parent, term, &white));
     let mut kept: Vec<Tried> = Vec::new();
-    let terms: Vec<Term> = all.filter(|term| term.may_join(&parent.terms)).collect();
-    let fits = side_by_side(cores(), terms.clone(), |term| children(parent, term, &plain));
-    for (term, fits) in terms.into_iter().zip(fits) {
-        for fit in fits {
-            let after = deviance(&fit);
-            // share of the parent's squares that the term takes away (outputs by their geometric mean)
-            let share = 1.0 - ((after - before) / decays.y.len() as f64).exp();
-            let covariance = fit.covariance(&Noise::white(&fit.sizes()));
-            let one = Candidate {
-                degrees: fit.p.len() - parent.p.len(),
-                tried: term.places(decays),
-                objection: objection(&fit, parent.terms.len(), &covariance),
-                ..Candidate::plain(term.id(), before - after, Added { term, fit, share })
-            };
-            let rank = |c: &Tried| (!c.able(), -c.delta_bic(decays.ln_samples()));
-            match kept.iter_mut().find(|c| c.id == term.id()) {
-                Some(known) if rank(&one) < rank(known) => *known = one,
-                Some(_) => {}
-                None => kept.push(one),
-            }
+    for (term, fit) in terms.into_iter().zip(fits) {
+        let Some(fit) = fit else { continue };
+        // share of the parent's squares that the term takes away (outputs by their geometric mean)
+        let fall = deviance(&fit) - deviance(parent);
+        let share = 1.0 - (fall / parent.decays.y.len() as f64).exp();
+        let covariance = fit.covariance(&Noise::white(&fit.sizes()));
+        let bic = gain_in_bic(parent, &fit);
+        let one = Candidate {
+            degrees: fit.parameters().saturating_sub(parent.parameters()).max(1),
+            tried: term.places(parent.decays),
+            objection: objection(&fit, parent.terms.len(), &covariance),
+            ..Candidate::plain(term.id(), -fall, Added { term, fit, share, bic })
+        };
+        let rank = |c: &Tried| (!c.able(), -c.form.bic);
+        match kept.iter_mut().find(|c| c.id == term.id()) {
+            Some(known) if rank(&one) < rank(known) => *known = one,
+            Some(_) => {}
+            None => kept.push(one),
         }
     }
+
+    let able = kept.iter().filter(|c| c.able());
+    let best = able.max_by(|p, q| p.form.bic.total_cmp(&q.form.bic));
+    let noise = best.map_or(parent, |best| &best.form.fit).noise();
+    kept.iter_mut().for_each(|candidate| judge(candidate, parent, &noise));
+    kept.sort_by(|p, q| q.statistic.total_cmp(&p.statistic));
     kept
 }
 
-/// Refits a candidate in the given noise, and decides whether it can be the cause. Its statistic becomes the
-/// fall of the cost, which is -2 ln likelihood in that noise. `parent`: fitted in the same noise.
-fn judged<'a>(mut t: Tried<'a>, parent: &Fit<'a>, noise: &Noise) -> Tried<'a> {
-    let Added { term, fit, share } = &mut t.form;
-    *fit = fit.descend(noise);
-    if !term.is_line() {
-        let from_parent = parent.with(*term).descend(noise);
-        if from_parent.cost < fit.cost {
-            *fit = from_parent;
-        }
-    }
-    t.statistic = (parent.cost - fit.cost).max(0.0);
-    t.surprise = surprise(t.statistic, t.degrees, t.tried, fit.degrees_of_freedom());
-
-    // where more than half of the misfit can be predicted from itself, any term takes some of it: a little (a
-    // tenth of the squares for a line, 3 % of the cost else) is not enough
-    let coloured = noise.predictable() > MOSTLY;
-    let little = coloured
+/// Where more than half of the misfit can be predicted from itself, any term takes some of it: a little (a
+/// tenth of the squares for a line, 3 % of the cost else) is not enough.
+fn judge(candidate: &mut Tried, parent: &Fit, noise: &Noise) {
+    let Added { term, fit, share, .. } = &candidate.form;
+    let before = noise.seen(&parent.misfit(), parent.decays.samples);
+    candidate.statistic = (before - noise.seen(&fit.misfit(), parent.decays.samples)).max(0.0);
+    let Candidate { statistic, degrees, tried, .. } = *candidate;
+    candidate.surprise = surprise(statistic, degrees, tried, fit.degrees_of_freedom());
+    let little = noise.predictable() > MOSTLY
         && match term.is_line() {
             true => *share < LITTLE,
-            false => t.statistic < LEFT_TO_SHAPES * parent.cost,
+            false => statistic < LEFT_TO_SHAPES * before,
         };
-    t.objection = objection(fit, parent.terms.len(), &fit.covariance(noise))
-        .or(little.then_some(Objection::TooWeak));
-    t
+    let fades = *term == Term::Line(Line::Tone) && fades(parent, fit);
+    let objection = candidate.objection.or(fades.then_some(Objection::Fades));
+    candidate.objection = objection.or(little.then_some(Objection::TooWeak));
+}
+
+/// Whether less than half of a tone's due is explained in the second half of the decays.
+fn fades(parent: &Fit, fit: &Fit) -> bool {
+    let late = |of: &Fit| -> [f64; 2] {
+        let misfit = of.misfit();
+        let series = misfit.chunks(of.decays.samples).map(|r| r.split_at(r.len() / 2));
+        let sum = |r: &[f64]| r.iter().map(|r| r * r).sum::<f64>();
+        series.fold([0.0; 2], |[all, late], (p, q)| [all + sum(p) + sum(q), late + sum(q)])
+    };
+    let ([all, end], [all_left, end_left]) = (late(parent), late(fit));
+    end - end_left < 0.25 * (all - all_left)
 }
 
 impl<'a> System for &'a Decays {
     type Model = Fit<'a>;
     type Form = Added<'a>;
-    const MOST_CAUSES: u32 = 12;
+    const MOST_CAUSES: u32 = 14;
     const TIED_MAY_ENTER: bool = true;
     const TRYING: Stage = work::TERMS;
 
@@ -144,21 +162,26 @@ impl<'a> System for &'a Decays {
         &self.work
     }
 
-    /// All candidates, judged in the noise that the one with the largest gain in BIC would leave (of those
-    /// without an objection); the largest statistic first.
+    /// All candidates, the largest statistic first. What has several modes is first asked for further ones
+    /// alone: nothing else explains so much of it, and each is found in a moment.
     fn tried(&self, parent: &Fit<'a>) -> Vec<Tried<'a>> {
-        let candidates = candidates(parent);
-        let worth = |c: &Tried| c.delta_bic(self.ln_samples());
-        let able = candidates.iter().filter(|c| c.able());
-        let best = able.max_by(|p, q| worth(p).total_cmp(&worth(q)));
-        let noise = best.map_or(parent, |best| &best.form.fit).noise();
-        let parent = parent.descend(&noise);
-        let mut all = side_by_side(cores(), candidates, |c| judged(c, &parent, &noise));
-        all.sort_by(|p, q| q.statistic.total_cmp(&p.statistic));
-        all
+        let may_join = |terms: Vec<Term>| -> Vec<Term> {
+            terms.into_iter().filter(|term| term.may_join(&parent.terms)).collect()
+        };
+        let lines = || Line::all().map(Term::Line).collect::<Vec<Term>>();
+        let is_mode = |term: &&Term| **term == Term::Line(Line::Mode);
+        if parent.terms.iter().filter(is_mode).count() >= 2 {
+            let tried = candidates(parent, may_join(lines()));
+            if tried.iter().any(|c| c.accepted() && c.form.bic > 0.0) {
+                return tried;
+            }
+        }
+        let all = Term::NAMED.into_iter().chain(lines()).chain(unnamed().map(Term::Unnamed));
+        candidates(parent, may_join(all.collect()))
     }
 
-    /// All candidates that passed compete by BIC. A rival that is no more than what strong causes leave, or
+    /// All candidates that passed compete by BIC, but a line that something without a name makes as well: the
+    /// ring itself needs no further cause. (Side bands, which hold any line, are no such thing.) A rival that is no more than what strong causes leave, or
     /// less than one detection limit, may not enter.
     fn round(
         &self,
@@ -171,10 +194,23 @@ impl<'a> System for &'a Decays {
         let contender = |t: &Tried<'a>| Contender {
             candidate: t.clone(),
             model: t.form.fit.clone(),
-            penalised: -t.delta_bic(self.ln_samples()),
+            // a pair of lines counts by what each of them gains
+            penalised: -t.form.bic / if t.id == CauseId::GainSways { 2.0 } else { 1.0 },
             may_enter: t.has_name() || t.statistic >= least,
         };
-        let contenders: Vec<_> = tried.iter().filter(|t| t.accepted()).map(contender).collect();
+        let passed = tried.iter().filter(|t| t.accepted() && t.form.bic > 0.0);
+        let mut contenders: Vec<_> = passed.map(contender).collect();
+        let made = contenders.iter().filter(|r| !r.candidate.has_name());
+        let made = made.filter(|r| r.candidate.id != CauseId::GainSways);
+        let made = made.map(|r| r.penalised).fold(f64::INFINITY, f64::min);
+        // what a bent ring's model leaves of it may look like a line
+        let bends = |c: &Chosen<Added<'a>>| BENT.contains(&c.candidate.id);
+        let least_line = if chosen.iter().any(bends) { LEFT_BY_ALL * strongest } else { 0.0 };
+        contenders.retain(|r| {
+            let is_line = r.candidate.has_name() && r.candidate.form.term.is_line();
+            let is_own = made >= r.penalised + TIE && r.candidate.statistic >= least_line;
+            !is_line || is_own
+        });
         let may_enter = contenders.iter().filter(|r| r.may_enter).map(|r| r.penalised);
         Round { least: may_enter.fold(f64::INFINITY, f64::min), contenders }
     }
@@ -186,12 +222,15 @@ impl<'a> System for &'a Decays {
         causes: &mut Vec<Chosen<Added<'a>>>,
     ) -> ControlFlow<Fit<'a>, Fit<'a>> {
         let newcomer = causes.last().map(|c| c.candidate.form.term);
-        let (there, lines) = (causes.len(), now.lines().count());
-        eliminate(&mut now, causes);
-        exchange(&mut now, causes);
+        let (there, lines) = (causes.len(), now.lines());
+        let alone = newcomer == Some(Term::Line(Line::Mode)) && lines == causes.len();
+        if !alone {
+            eliminate(&mut now, causes);
+            exchange(&mut now, causes);
+        }
         let is_there = causes.iter().any(|c| Some(c.candidate.form.term) == newcomer);
         let gone = causes.len() < there && !is_there
-            || newcomer.is_some_and(Term::is_line) && now.lines().count() < lines;
+            || newcomer.is_some_and(Term::is_line) && now.lines() < lines;
         if gone { ControlFlow::Break(now) } else { ControlFlow::Continue(now) }
     }
 }
@@ -199,33 +238,87 @@ impl<'a> System for &'a Decays {
 pub fn select(decays: &Decays) -> Selected<'_> {
     decays.work.begins(work::OSCILLATION);
     let baseline = baseline(decays);
-    let ExplainedModel { fitted, mut causes, evidence, unnamed } =
+    let ExplainedModel { mut fitted, mut causes, evidence, unnamed } =
         search(&decays, baseline.clone(), decays.ln_samples());
     decays.work.begins(work::MEASURING);
+    eliminate(&mut fitted, &mut causes);
     let noise = fitted.noise();
-    let mut fit = fitted.descend(&noise);
+    // the autoregression of what is left of many modes holds most of every mode
+    let mut fit = if fitted.lines() > 0 { fitted } else { fitted.descend(&noise) };
     let more = better_form(&mut fit, &mut causes, &noise);
     let form_is_known = more > margin(&fit, &noise);
     let covariance = fit.covariance(&noise);
+    causes.insert(0, offset(&fit, &noise));
     Selected { baseline, fit, noise, covariance, causes, evidence, unnamed, form_is_known }
 }
 
+/// The offset that all decays share, as a cause. One that differs between decays is none: what its
+/// differences explain is taken off its statistic, and where they are more than chance, the mean must stand
+/// out of the decays' spread.
+fn offset<'a>(fit: &Fit<'a>, noise: &Noise) -> Chosen<Added<'a>> {
+    let Decays { bursts, outputs, .. } = *fit.decays;
+    let (count, all) = (bursts as f64, noise.seen(&fit.misfit(), fit.decays.samples));
+    let without = fit.without(|i| i == 0).descend(noise);
+    let explained = noise.seen(&without.misfit(), fit.decays.samples) - all;
+
+    // mean and standard deviation over the decays of each output's offset, in the fit's scale
+    let of_output = |o: usize| {
+        let each = || fit.free[0].iter().skip(o).step_by(outputs);
+        let mean = each().sum::<f64>() / count;
+        let square = each().map(|b| (b - mean).powi(2)).sum::<f64>() / (count - 1.0).max(1.0);
+        (mean, square.sqrt())
+    };
+    let sd = fit.sd_of_offset(noise);
+    let largest = (0..outputs).max_by(|p, q| {
+        let size = |o: usize| (of_output(o).0 * fit.decays.scale[o]).abs();
+        size(*p).total_cmp(&size(*q))
+    });
+    let output = largest.unwrap_or(0);
+    let (mean, spread) = of_output(output);
+    let differ: f64 = (0..outputs).map(|o| (count - 1.0) * (of_output(o).1 / sd[o]).powi(2)).sum();
+    let price = (count - 1.0) * outputs as f64 * fit.decays.ln_samples();
+    let is_shared = differ <= price;
+    let (statistic, degrees, dof) = match is_shared {
+        true => ((explained - differ).max(0.0), outputs, fit.degrees_of_freedom()),
+        false => (count * (mean / spread).powi(2), 1, count - 1.0),
+    };
+    let error = (if is_shared { sd[output] } else { spread }) / count.sqrt();
+    let scale = fit.decays.scale[output];
+    let form = Added { term: Term::Offset, fit: fit.clone(), share: 0.0, bic: 0.0 };
+    let candidate = Candidate {
+        degrees,
+        surprise: surprise(statistic, degrees, if is_shared { 1.0 } else { outputs as f64 }, dof),
+        value: mean * scale,
+        sd: error * scale,
+        ..Candidate::plain(CauseId::Offset, statistic, form)
+    };
+    let delta_bic = candidate.delta_bic(fit.decays.ln_samples());
+    Chosen { candidate, delta_bic, tied_with: Vec::new(), tied_unnamed: Vec::new() }
+}
+
 /// Takes out causes that the newcomer makes superfluous, or gives the wrong sign, the weakest first, and
-/// measures all others: how much the cost rises if the cause is left out and all else fitted again.
+/// measures all others: how much of the misfit comes back if the cause is left out and all else fitted again.
+/// The offset comes before the causes among the terms.
 fn eliminate<'a>(now: &mut Fit<'a>, causes: &mut Vec<Chosen<Added<'a>>>) {
     loop {
         let noise = now.noise();
-        *now = now.descend(&noise);
+        let white = Noise::white(&now.sizes());
+        *now = now.descend(&white);
         let covariance = now.covariance(&noise);
+        let samples = now.decays.samples;
+        let left = noise.seen(&now.misfit(), samples);
+        let without = |i: usize| now.without(|k| k == i + 1).descend(&white);
+        let parents = side_by_side(cores(), (0..causes.len()).collect(), without);
         let mut weakest: Option<(usize, Fit, f64)> = None;
-        for (i, Chosen { candidate, .. }) in causes.iter_mut().enumerate() {
-            let parent = now.without(|k| k == i).descend(&noise);
-            candidate.statistic = (parent.cost - now.cost).max(0.0);
+        for (i, (Chosen { candidate, .. }, parent)) in causes.iter_mut().zip(parents).enumerate() {
+            candidate.statistic = (noise.seen(&parent.misfit(), samples) - left).max(0.0);
             let Candidate { statistic, degrees, tried, .. } = *candidate;
-            let surprise = match objection(now, i, &covariance) {
+            let surprise = match objection(now, i + 1, &covariance) {
                 Some(_) => 0.0,
+                None if gain_in_bic(&parent, now) < 0.0 => 0.0,
                 None => surprise(statistic, degrees, tried, now.degrees_of_freedom()),
             };
+            candidate.surprise = surprise;
             if surprise <= THRESHOLD && weakest.as_ref().is_none_or(|w| surprise < w.2) {
                 weakest = Some((i, parent, surprise));
             }
@@ -245,7 +338,7 @@ fn margin(now: &Fit, noise: &Noise) -> f64 {
 }
 
 fn criterion(fit: &Fit) -> f64 {
-    fit.cost + fit.p.len() as f64 * fit.decays.ln_samples()
+    fit.cost + fit.parameters() as f64 * fit.decays.ln_samples()
 }
 
 /// Gives the place of a rival to a named candidate that explains as much (to within `margin`) beside all
@@ -262,15 +355,15 @@ fn exchange<'a>(now: &mut Fit<'a>, causes: &mut Vec<Chosen<Added<'a>>>) {
             |fit: &Fit| objection(fit, left.terms.len(), &fit.covariance(&noise)).is_none();
         let named = Term::NAMED.into_iter().filter(|term| term.may_join(&left.terms));
         let best = named
-            .flat_map(|term| children(&left, term, &noise))
+            .filter_map(|term| child(&left, term, &noise))
             .filter(possible)
             .min_by(|p, q| criterion(p).total_cmp(&criterion(q)));
         let Some(fit) = best else { continue };
         if criterion(&fit) < criterion(now) + margin(now, &noise) {
-            let mut cause = causes.remove(index);
+            let mut cause = causes.remove(index - 1);
             let term = fit.terms[left.terms.len()];
             cause.candidate.id = term.id();
-            cause.candidate.degrees = fit.p.len() - left.p.len();
+            cause.candidate.degrees = fit.parameters() - left.parameters();
             cause.candidate.statistic = (left.cost - fit.cost).max(0.0);
             cause.candidate.form.term = term;
             cause.tied_unnamed.push(id);
@@ -294,7 +387,7 @@ fn better_form(now: &mut Fit, causes: &mut [Chosen<Added>], noise: &Noise) -> f6
     let fit = fit.descend(noise);
     let more = now.cost - fit.cost;
     if more > 0.0 && objection(&fit, index, &fit.covariance(noise)).is_none() {
-        (causes[index].candidate.form.term, *now) = (other, fit);
+        (causes[index - 1].candidate.form.term, *now) = (other, fit);
     }
     more.abs()
 }

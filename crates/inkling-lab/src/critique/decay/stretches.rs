@@ -4,7 +4,7 @@
 //! Samples held out count for nothing in the [`Noise`] that `noise` makes, so a fit does not see them.
 
 use super::decays::Decays;
-use super::fit::Noise;
+use super::noise::Noise;
 use std::ops::Range;
 
 /// A series is cut into so many stretches, and one of so many is held out.

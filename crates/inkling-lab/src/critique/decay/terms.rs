@@ -6,34 +6,30 @@ use super::motion::Form;
 use super::unnamed::SPRINGS;
 use crate::critique::catalogue::CauseId;
 
-const MOST_LINES: usize = 8;
+/// Largest number of lines beside the ring.
+const MOST_LINES: usize = 11;
+pub const MOST_HARMONIC: u8 = 5;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Line {
     /// A damped mode, which every burst starts anew.
     Mode,
-    /// An undamped line, the same in all bursts: the decays are triggered by it.
+    /// An undamped line.
     Tone,
-    /// An undamped line that each burst meets at another phase.
-    FreeTone,
     /// Two lines, as far above the ring as below it: a gain or a time base that sways.
     SideBands,
+    /// A power of the ring itself: so many times its frequency and damping.
+    Harmonic(u8),
 }
 
 impl Line {
-    pub const ALL: [Line; 4] = [Line::Mode, Line::Tone, Line::FreeTone, Line::SideBands];
+    pub fn all() -> impl Iterator<Item = Line> {
+        let single = [Line::Mode, Line::Tone, Line::SideBands];
+        single.into_iter().chain((2..=MOST_HARMONIC).map(Line::Harmonic))
+    }
 
     pub fn is_damped(self) -> bool {
         matches!(self, Line::Mode | Line::SideBands)
-    }
-
-    /// Its frequencies beside a ring of frequency `own`, rad per sample. `number`: the frequency itself, or
-    /// of side bands the distance to the ring's.
-    pub fn frequencies(self, own: f64, number: f64) -> Vec<f64> {
-        match self {
-            Line::Mode | Line::Tone | Line::FreeTone => vec![number],
-            Line::SideBands => vec![own + number, own - number],
-        }
     }
 }
 
@@ -50,13 +46,8 @@ pub enum Term {
 
 impl Term {
     /// The terms that have a name, but lines, which are tried at many frequencies.
-    pub const NAMED: [Term; 5] = [
-        Term::Offset,
-        Term::Stiffness(Form::Cubic),
-        Term::Stiffness(Form::Sine),
-        Term::Drag,
-        Term::Friction,
-    ];
+    pub const NAMED: [Term; 4] =
+        [Term::Stiffness(Form::Cubic), Term::Stiffness(Form::Sine), Term::Drag, Term::Friction];
 
     pub fn id(self) -> CauseId {
         match self {
@@ -65,8 +56,9 @@ impl Term {
             Term::Drag => CauseId::QuadraticDrag,
             Term::Friction => CauseId::DryFriction,
             Term::Line(Line::Mode) => CauseId::SecondMode,
-            Term::Line(Line::Tone | Line::FreeTone) => CauseId::Tone,
+            Term::Line(Line::Tone) => CauseId::Tone,
             Term::Line(Line::SideBands) => CauseId::GainSways,
+            Term::Line(Line::Harmonic(_)) => CauseId::OwnShape,
             Term::Unnamed(rival) => rival,
         }
     }
@@ -75,6 +67,7 @@ impl Term {
         match self {
             // a single decay does not tell which of the two
             Term::Line(Line::SideBands) => "a gain or a time base that sways",
+            Term::Line(Line::Harmonic(_)) => "a harmonic of the ring",
             _ if self.id().has_name() => self.id().name(),
             _ => self.id().row().words,
         }
@@ -85,19 +78,21 @@ impl Term {
     }
 
     pub fn places(self, decays: &Decays) -> f64 {
-        if self.is_line() { decays.samples as f64 / 2.0 } else { 1.0 }
+        match self {
+            Term::Line(Line::Harmonic(_)) => f64::from(MOST_HARMONIC),
+            Term::Line(_) => decays.samples as f64 / 2.0,
+            _ => 1.0,
+        }
     }
 
-    /// How many numbers it has. An offset has one for each output. A line has sigma (0 for a tone), omega
-    /// (side bands: the distance to the ring's), then the amplitudes of a cosine and a sine for each output;
-    /// all lines but a plain tone for each burst, and side bands for each of two bands. Any other term has
-    /// its strength, and some rivals a second number.
-    pub fn numbers(self, decays: &Decays) -> usize {
+    /// How many numbers it has, beside the amplitudes of its waves. A mode has sigma and omega, a tone omega,
+    /// side bands sigma and the distance to the ring's omega. Any other term that is no line has its
+    /// strength, and some rivals a second number.
+    pub fn numbers(self) -> usize {
         match self {
-            Term::Offset => decays.outputs,
-            Term::Line(Line::Mode | Line::FreeTone) => 2 + 2 * decays.bursts * decays.outputs,
-            Term::Line(Line::Tone) => 2 + 2 * decays.outputs,
-            Term::Line(Line::SideBands) => 2 + 4 * decays.bursts * decays.outputs,
+            Term::Offset | Term::Line(Line::Harmonic(_)) => 0,
+            Term::Line(Line::Tone) => 1,
+            Term::Line(Line::Mode | Line::SideBands) => 2,
             _ => self.id().row().seconds.len().min(2),
         }
     }
@@ -130,9 +125,10 @@ impl Term {
     /// Whether it may be added to a model with these terms: there may be several lines.
     pub fn may_join(self, terms: &[Term]) -> bool {
         match self {
-            Term::Line(line) if line != Line::SideBands => {
+            Term::Line(Line::Mode | Line::Tone) => {
                 terms.iter().filter(|term| term.is_line()).count() < MOST_LINES
             }
+            Term::Line(_) => !terms.contains(&self),
             _ => terms.iter().all(|term| term.id() != self.id()),
         }
     }

@@ -4,7 +4,8 @@
 //! and that known aliases and unphysical signs are never named.
 
 use super::decays::Decays;
-use super::fit::{Fit, Noise};
+use super::fit::Fit;
+use super::noise::Noise;
 use super::objections::objection;
 use super::plant::{OMEGA, SIGMA};
 use super::terms::{Line, Term};
@@ -263,18 +264,70 @@ fn an_extension_never_ends_worse_than_its_parent() {
         let noise = Noise::white(&parent.sizes());
         let parent = parent.descend(&noise);
         for cause in [
-            Term::Offset,
             Term::Stiffness(Form::Cubic),
             Term::Stiffness(Form::Sine),
             Term::Drag,
             Term::Friction,
             Term::Line(Line::Mode),
         ] {
-            for child in super::children::children(&parent, cause, &noise) {
-                assert!(child.cost <= parent.cost * (1.0 + 1e-9), "{cause:?} of {truth:?}");
-            }
+            let child = super::children::child(&parent, cause, &noise).unwrap();
+            assert!(child.cost <= parent.cost * (1.0 + 1e-9), "{cause:?} of {truth:?}");
         }
     }
+}
+
+/// Decays of modes (frequency and damping per sample) at these starts: each begins at another zero, and is held
+/// where it is for so many samples.
+fn ringing(modes: &[[f64; 2]], decays: i64, held: usize, seed: u64) -> Critique {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    let mut sampler = Sampler::new(1e-3, usize::MAX);
+    for decay in 0..decays {
+        let zero: f64 = rng.random_range(-20.0..20.0);
+        let starts: Vec<[f64; 2]> = modes
+            .iter()
+            .map(|_| {
+                [
+                    rng.random_range(1.0..2.0),
+                    rng.random_range(0.0..if held > 0 { 0.1 } else { TAU }),
+                ]
+            })
+            .collect();
+        let sample = |k: usize| {
+            let t = k.saturating_sub(held) as f64;
+            let wave = |([omega, sigma], [size, phase]): (&[f64; 2], &[f64; 2])| {
+                size * (-sigma * t).exp() * (omega * t + phase).cos()
+            };
+            zero + modes.iter().zip(&starts).map(wave).sum::<f64>()
+        };
+        let noise = |y: f64| y + 0.01 * Distribution::<f64>::sample(&StandardNormal, &mut rng);
+        let y: Vec<f64> = (0..900).map(sample).map(noise).collect();
+        sampler.offer("decay", Beside::alone(0, decay), &y);
+    }
+    critique(&sampler.finish()).unwrap().critique
+}
+
+#[test]
+fn all_modes_of_decays_that_begin_at_another_zero_each_are_told() {
+    let modes = [[0.11, 0.002], [0.37, 0.004], [0.83, 0.006]];
+    let c = ringing(&modes, 4, 0, 61);
+    assert_eq!(names(&c), ["second_mode"; 2], "{}", c.sentence);
+    let plant = c.plant.unwrap();
+    assert_eq!((plant.modes.len(), plant.onset_s), (3, 0.0));
+    for [omega, _] in modes {
+        let hertz = omega / (TAU * 1e-3);
+        let near =
+            |mode: &&crate::critique::finding::Mode| (mode.frequency_hz - hertz).abs() < 0.05;
+        assert!(plant.modes.iter().any(|mode| near(&mode)), "{hertz}: {:?}", plant.modes);
+    }
+    assert!(plant.forecast.record_percent < 2.0 * plant.forecast.control_percent);
+}
+
+#[test]
+fn what_is_held_at_first_is_free_from_where_it_is_let_go() {
+    let c = ringing(&[[0.2, 0.003]], 1, 70, 62);
+    assert_eq!(names(&c), ["offset"], "its zero: {}", c.sentence);
+    let onset = c.plant.unwrap().onset_s;
+    assert!((0.055..0.085).contains(&onset), "{onset}");
 }
 
 #[test]

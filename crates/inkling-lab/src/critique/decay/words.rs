@@ -8,7 +8,7 @@ use super::children::Added;
 use super::fit::Fit;
 use super::motion::Form;
 use super::objections::amplitudes;
-use super::plant::{OMEGA, SIGMA, motion};
+use super::plant::{OMEGA, SIGMA, motion, waves_of};
 use super::selection::Selected;
 use super::terms::Term;
 use crate::critique::candidate::Chosen;
@@ -21,17 +21,15 @@ use std::f64::consts::TAU;
 use std::fmt::Write;
 
 /// Value of a cause in the catalogue's parameter, with its standard error by linear propagation.
-/// `index` counts causes and terms alike. Of several offsets the largest is told.
+/// `index` counts causes and terms alike. An offset has been measured already.
 fn value(selected: &Selected, index: usize) -> (f64, f64) {
     let fit = &selected.fit;
     let decays = fit.decays;
     let (largest, smallest) = amplitudes(fit);
-    let output = largest_offset(fit);
     let of = |p: &[f64]| -> f64 {
         let motion = motion(decays, &fit.terms, p);
         let Some((term, at)) = fit.placed().nth(index) else { return f64::NAN };
         match term {
-            Term::Offset => p[at + output] * decays.scale[output],
             Term::Stiffness(_) => motion.frequency_ratio(largest) - 1.0,
             // the damping at the largest amplitude relative to that at the smallest, less 1; the
             // latter may vanish, so it is taken for 1e-4 of the former at least
@@ -41,8 +39,11 @@ fn value(selected: &Selected, index: usize) -> (f64, f64) {
                     / small.abs().max(1e-4 * motion.damping_at(largest).abs())
                     - 1.0
             }
-            Term::Line(_) => p[at + 1] / (TAU * decays.dt_s),
-            Term::Unnamed(_) => f64::NAN,
+            Term::Line(_) => {
+                let waves = waves_of(term, at, p);
+                waves.first().and_then(|w| w.omega).unwrap_or(f64::NAN) / (TAU * decays.dt_s)
+            }
+            Term::Offset | Term::Unnamed(_) => f64::NAN,
         }
     };
 
@@ -60,12 +61,6 @@ fn value(selected: &Selected, index: usize) -> (f64, f64) {
     (of(&fit.p), variance.max(0.0).sqrt())
 }
 
-fn largest_offset(fit: &Fit) -> usize {
-    let offsets = fit.offsets().unwrap_or_default();
-    let largest = |p: &usize, q: &usize| offsets[*p].abs().total_cmp(&offsets[*q].abs());
-    (0..offsets.len()).max_by(largest).unwrap_or(0)
-}
-
 /// The named causes, the strongest first, and remarks: on further lines of one kind, rivals in the
 /// model, and causes that are too weak to keep their name.
 pub fn causes(selected: &Selected) -> (Vec<Cause>, Vec<String>) {
@@ -77,6 +72,9 @@ pub fn causes(selected: &Selected) -> (Vec<Cause>, Vec<String>) {
     let named: Vec<usize> = selected.named().map(|(index, _)| index).collect();
     for (index, chosen) in order {
         let (id, term) = (chosen.candidate.id, chosen.candidate.form.term);
+        if term == Term::Offset && !chosen.candidate.accepted() {
+            continue; // every series has one; none that all share was found
+        }
         // what has no name, or not enough to keep it, becomes a remark
         if !id.has_name() {
             remarks.push(format!(
@@ -93,17 +91,14 @@ pub fn causes(selected: &Selected) -> (Vec<Cause>, Vec<String>) {
             continue;
         }
         let mut chosen = chosen.clone();
-        (chosen.candidate.value, chosen.candidate.sd) = value(selected, index);
+        if term != Term::Offset {
+            (chosen.candidate.value, chosen.candidate.sd) = value(selected, index);
+        }
         chosen.delta_bic = chosen.candidate.delta_bic(decays.ln_samples());
         let mut cause = chosen.cause();
-        if found.iter().any(|c| c.id == id) {
-            let size = digits::measured(cause.value, cause.ci95, &cause.unit);
-            remarks.push(format!("one more {id}: {} = {size}", cause.parameter));
-            continue;
-        }
         cause.sentence = sentence(&cause);
         if term == Term::Offset && decays.outputs > 1 {
-            let offsets = selected.fit.offsets().unwrap_or_default();
+            let offsets = selected.fit.offsets();
             let line = |(offset, channel): (f64, &u32)| {
                 format!("{} on channel {channel}", digits::short(offset))
             };
@@ -182,24 +177,24 @@ pub fn equation(fit: &Fit) -> String {
         number("m", motion.stick * fit.p[OMEGA].powi(2) * scale / (dt * dt), "counts/s^2");
     }
     text += if decays.outputs > 1 { "\ny_j = g_j x + h_j x'" } else { "\ny = x" };
-    if let Some(offsets) = fit.offsets() {
-        text += if decays.outputs > 1 { " + b_j" } else { " + b" };
-        for (offset, channel) in offsets.into_iter().zip(&decays.channels) {
-            let name = match decays.outputs {
-                1 => "b".to_owned(),
-                _ => format!("b_{channel}"),
-            };
-            number(&name, offset, "counts");
-        }
+    text += if decays.outputs > 1 { " + b_j" } else { " + b" };
+    for (offset, channel) in fit.offsets().into_iter().zip(&decays.channels) {
+        let name = match decays.outputs {
+            1 => "b".to_owned(),
+            _ => format!("b_{channel}"),
+        };
+        number(&name, offset, "counts");
     }
 
     // lines are numbered from 2 on, after the ring
     let named = |term: Term| matches!(term, Term::Line(_)) && term.id().has_name();
     let lines = fit.placed().filter(|(term, _)| named(*term));
-    for (n, (_, at)) in (2..).zip(lines) {
+    for (n, (term, at)) in (2..).zip(lines) {
         let _ = write!(text, " + e^(-s{n} t) (p{n} cos w{n} t + q{n} sin w{n} t)");
-        number(&format!("s{n}"), fit.p[at] / dt, "1/s");
-        number(&format!("w{n}"), fit.p[at + 1] / dt, "rad/s");
+        for wave in waves_of(term, at, &fit.p) {
+            number(&format!("s{n}"), wave.sigma / dt, "1/s");
+            number(&format!("w{n}"), wave.omega.unwrap_or(0.0) / dt, "rad/s");
+        }
     }
     format!("{text} + e\n{numbers}")
 }

@@ -7,7 +7,8 @@
 //! held-out sample, given the samples before it, is summed, and compared between models.
 
 use super::decays::Decays;
-use super::fit::{Colour, Fit};
+use super::fit::Fit;
+use super::noise::{Colour, Noise};
 use super::selection::Selected;
 use super::stretches::Stretches;
 use crate::critique::finding::{LogLikelihood, Worth};
@@ -16,32 +17,29 @@ use std::collections::BTreeMap;
 /// ln p of the held-out samples, one vector for each stretch of each series.
 struct Judged(Vec<Vec<f64>>);
 
-/// The gain of all that was found, and of each named cause (all lines of one name together).
-pub fn measure(selected: &Selected) -> Option<LogLikelihood> {
-    let Selected { baseline, fit, causes, .. } = selected;
-    if causes.is_empty() {
-        return None;
-    }
+/// The gain of all that was found, and of each named cause (all lines of one name together). `refitted`: the
+/// plain oscillation and the final model, fitted in `noise`, which counts what is not held out.
+pub fn measure(selected: &Selected, refitted: &[Fit; 2], noise: &Noise) -> Option<LogLikelihood> {
+    let fit = &selected.fit;
+    selected.named().next()?;
     let stretches = Stretches::of(fit.decays);
-    let noise = stretches.noise(&fit.sizes());
-    let judged = |model: &Fit| Judged::of(&model.descend(&noise), stretches);
-    let extended = judged(fit);
+    let [plain, extended] = refitted.each_ref().map(|model| Judged::of(model, stretches));
     let mut by_cause = BTreeMap::new();
     for (_, chosen) in selected.named() {
         let id = chosen.candidate.id;
         by_cause.entry(id.name()).or_insert_with(|| {
-            let left = fit.without(|i| fit.terms[i].id() == id);
-            extended.worth(&judged(&left), fit.decays)
+            let left = fit.without(|i| fit.terms[i].id() == id).descend(noise);
+            extended.worth(&Judged::of(&left, stretches), fit.decays)
         });
     }
-    Some(LogLikelihood { all: extended.worth(&judged(baseline), fit.decays), by_cause })
+    Some(LogLikelihood { all: extended.worth(&plain, fit.decays), by_cause })
 }
 
 impl Judged {
     fn of(model: &Fit, stretches: Stretches) -> Judged {
         let decays = model.decays;
         let misfit = model.misfit();
-        let spent = model.p.len() as f64 / decays.outputs as f64;
+        let spent = model.parameters() as f64 / decays.outputs as f64;
         let colours: Vec<Colour> = (0..decays.outputs)
             .map(|output| {
                 let series = decays.of_output(&misfit, output);
