@@ -83,7 +83,7 @@ pub fn push_judged(columns: &mut VerdictColumns, id: Id, row: Row) {
     columns.model.push(Some(model));
     columns.resonance_hz.push(ring.map(|[f, _]| f as f32));
     columns.damping_per_s.push(ring.map(|[_, damping]| damping as f32));
-    let severity = severity.filter(|_| outcome == Outcome::Faulty);
+    let severity = severity.filter(|_| flagged);
     columns.severity.push(severity.map(|of| of.value as f32));
     columns.severity_sd.push(severity.map(|of| of.sd as f32));
     columns.fill_up();

@@ -7,19 +7,17 @@
 //! 1. The guessed channel is scaled in time to the measured healthy ring.
 //! 2. Healthy features, less the noise of their fits, tell how channels differ (`spread`).
 //! 3. Labelled faults of known kinds correct the rates.
-//! 4. Labelled faults tell how severities are distributed in each class, and how far estimated
-//!    severities lie off labelled ones.
+//! 4. Labelled faults tell how far the laws lie off them, and how severities are distributed in each
+//!    class. A user's own class with labelled sizes gets a law that says nothing, to be learned alone.
 
 use super::training_set::examples;
 use super::{Design, FaultClass, HealthyModel, IsolateSettings, Result, TrainingSet};
 use crate::fault;
 use crate::identify::GreyBoxSettings;
 use crate::identify::SignalSet;
-use crate::isolate::calibration::{LabelledSeverity, SeverityLine};
-use crate::isolate::fault_curve::Conditions;
 use crate::isolate::fault_physics::{FaultPhysics, LabelledFault};
 use crate::isolate::fault_simulator::ActuatedChannel;
-use crate::isolate::physics_density::{Comparison, FaultCurves, LabelledSeverities};
+use crate::isolate::physics_density::LabelledSeverities;
 use crate::model::faults::Law;
 use crate::model::ring::Ring;
 use crate::model::{Actuation, Waveform};
@@ -52,6 +50,14 @@ pub(super) fn physics(
         return Ok(None);
     };
     physics.laws = isolate.physics.clone();
+    for (name, printheads) in &set.faulty {
+        if let Some(range) = labelled_range(printheads)
+            && design.classes.iter().any(|class| class.name == *name && class.of.is_empty())
+            && physics.laws.law(name).is_none()
+        {
+            physics.laws.add_sizes(name, range);
+        }
+    }
 
     // Step 2. Features are per unit drive, so weakly driven signals have more noise: `weaker` is the
     // mean factor on the noise's variance.
@@ -77,7 +83,7 @@ pub(super) fn physics(
     for (name, printheads) in &set.faulty {
         let Some(class) = design.classes.iter().find(|class| class.name == *name) else { continue };
         let class = class.class();
-        let Some(kind) = isolate.physics.one_kind(&class.of) else { continue };
+        let Some(kind) = physics.laws.one_kind(&class.of) else { continue };
         for (model, signals) in design.with_models(printheads) {
             let few = signals.first(MOST_LOOKS);
             labelled.extend(labelled_faults((name, kind), model, &ring, &few)?);
@@ -91,8 +97,47 @@ pub(super) fn physics(
         }
     }
 
-    learn_sizes(&mut physics, &labelled, sampling);
+    physics.learn_discrepancies(&labelled, sampling);
+    let mut sizes: BTreeMap<String, Vec<(f64, f64)>> = BTreeMap::new();
+    for LabelledFault { class, severity, weight, .. } in labelled {
+        sizes.entry(class).or_default().push((severity, weight));
+    }
+    let seen = |(class, of)| (class, LabelledSeverities::new(of));
+    physics.seen = sizes.into_iter().map(seen).filter(|(_, of)| of.n > 0.0).collect();
     Ok(Some(physics))
+}
+
+/// The sizes that a user's own class may have by its labels, the least one first: beyond the least
+/// and the greatest by their mean distance. `None`: no sizes above 0 of three channels.
+fn labelled_range(printheads: &BTreeMap<String, SignalSet>) -> Option<[f64; 2]> {
+    let mut channels = BTreeSet::new();
+    let [mut low, mut high] = [f64::INFINITY, f64::NEG_INFINITY];
+    for (name, set) in printheads {
+        for (channel, size) in set.channel.iter().zip(&set.severity) {
+            if *size > 0.0 {
+                channels.insert((name, channel));
+                (low, high) = (low.min(*size), high.max(*size));
+            }
+        }
+    }
+    let beyond = (high - low) / (channels.len() as f64 - 1.0);
+    (channels.len() >= 3 && beyond > 0.0).then(|| [(low - beyond).max(0.1 * low), high + beyond])
+}
+
+/// Which labelled classes will have no size, in words.
+pub(super) fn unsized_classes(design: &Design) -> Option<String> {
+    let laws = &design.physics.as_ref()?.laws;
+    let has_none =
+        |class: &&FaultClass| class.n_signals > 0 && laws.one_kind(&class.class().of).is_none();
+    let names: Vec<&str> =
+        design.classes.iter().filter(has_none).map(|class| class.name.as_str()).collect();
+    (!names.is_empty()).then(|| {
+        format!(
+            "no size will be told of {}: labels with a severity on three channels or more would tell what \
+             a size looks like",
+            names.join(", ")
+        )
+    })
 }
 
 /// Step 1. Of the settings' channel only the ratios of rates are trusted: it is scaled in time such
@@ -111,57 +156,6 @@ fn scaled_guess(
     let delay_s = isolate.delay_s.unwrap_or(DELAY_S * slower);
     let channel = grey_box.at_frequency(frequency_hz).channel();
     Ok(ActuatedChannel { channel, actuation: Actuation { pulse_s, delay_s, waveform } })
-}
-
-/// Step 4. Where a label gives no severity, the physics' own estimate counts in the distribution.
-fn learn_sizes(
-    physics: &mut FaultPhysics,
-    labelled: &[LabelledFault],
-    (dt_s, samples): (f64, usize),
-) {
-    let mut by_class: BTreeMap<&str, Vec<&LabelledFault>> = BTreeMap::new();
-    labelled.iter().for_each(|fault| by_class.entry(&fault.class).or_default().push(fault));
-
-    // for the curves each labelled class stands for the one kind of its signals
-    let class = |(name, labelled): (&&str, &Vec<&LabelledFault>)| fault::Class {
-        of: labelled.iter().take(1).map(|fault| fault.kind.clone()).collect(),
-        ..fault::Class::plain(name)
-    };
-    let classes: Vec<fault::Class> = by_class.iter().map(class).collect();
-    let estimate = |curves: &FaultCurves, k: usize, fault: &LabelledFault| {
-        let changed = curves.changed(fault.ring);
-        let conditions = Conditions { drive: fault.drive, changed, baseline: None };
-        let mut compared = Comparison::default();
-        curves.compare(fault.features.as_slice(), conditions, &mut compared);
-        let only: Vec<f64> = (0..classes.len()).map(|j| f64::from(u8::from(j == k))).collect();
-        curves.severity(k, &only, &compared)
-    };
-
-    let curves = physics.curves(&classes, dt_s, samples);
-    for (k, (name, labelled)) in by_class.iter().enumerate() {
-        let size = |fault: &&LabelledFault| {
-            let severity = match fault.severity.is_finite() {
-                true => Some(fault.severity),
-                false => estimate(&curves, k, fault).map(|severity| severity.value),
-            };
-            Some((severity?, fault.weight))
-        };
-        let sizes = LabelledSeverities::new(labelled.iter().filter_map(size).collect());
-        physics.seen.insert((*name).into(), sizes);
-    }
-
-    // how far estimates lie off the labels, with these distributions as prior
-    let curves = physics.curves(&classes, dt_s, samples).uncalibrated();
-    for (k, (name, labelled)) in by_class.iter().enumerate() {
-        let size = |fault: &&LabelledFault| {
-            let labelled = Some(fault.severity).filter(|severity| severity.is_finite())?;
-            let estimated = estimate(&curves, k, fault)?;
-            Some(LabelledSeverity { estimated, labelled, weight: fault.weight })
-        };
-        let sizes: Vec<LabelledSeverity> = labelled.iter().filter_map(size).collect();
-        let seen = physics.seen.get_mut(*name);
-        seen.into_iter().for_each(|seen| seen.error = SeverityLine::learn(&sizes));
-    }
 }
 
 /// Adds the classes that the physics knows and nobody labelled, or names declared to stand for
@@ -211,6 +205,7 @@ fn labelled_faults(
         features,
         drive: set.drive[i],
         ring: model.ring_from(ring, model.warmer(set.temperature_c[i])),
+        channel: (model.printhead.clone(), set.channel[i]),
         weight: 1.0 / of_channel[&set.channel[i]],
     };
     Ok(model.fitted(set)?.into_iter().map(labelled).collect())

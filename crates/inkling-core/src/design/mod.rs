@@ -43,7 +43,7 @@ mod typical;
 mod workspace;
 
 pub use crate::detect::DetectSettings;
-pub use crate::isolate::calibration::Severity;
+pub use crate::isolate::severity::Severity;
 pub use crate::isolate::{Decision as Isolation, IsolateSettings};
 pub use detectable::Detectability;
 pub use detector::{Detection, FirstLook, SensitivityDetector};
@@ -71,7 +71,7 @@ use std::collections::BTreeMap;
 use std::sync::{Arc, OnceLock};
 
 /// Version of the design file; a breaking change needs a new number.
-pub const VERSION: u32 = 4;
+pub const VERSION: u32 = 5;
 
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Design {

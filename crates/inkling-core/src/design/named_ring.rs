@@ -10,7 +10,7 @@
 //! 3. The classes are weighed against each other by Bayes' rule, then all of them together against
 //!    what is no class (another gain, clock or delay, a contrast of the physics, any ring).
 //! 4. A signal that leaves more beside its ring than is usual in the best class is no ring of it.
-//! 5. The severity of the named class is read off the class's fault curve.
+//! 5. The severity of the named class, or of the candidate, is read off the class's fault curve.
 
 use super::isolator::{Isolator, RingClassifier};
 use super::judge::{Isolating, Judge};
@@ -157,7 +157,7 @@ impl Judge {
             return Some(decision.of_unknown_fault());
         }
 
-        // Step 5: the severity of the named class, or of the best class of the named category.
+        // Step 5: the severity of the named class, of the best of the named category, or of the candidate.
         let Workspace { weights, severity, physics, .. } = work;
         let sized = curves.zip(rule.sized(&decision, weights));
         *severity = sized.and_then(|(of, k)| of.severity(k, weights, physics));

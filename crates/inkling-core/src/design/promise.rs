@@ -81,8 +81,10 @@ fn angle_degrees(a: &DMatrix<f64>, b: &DMatrix<f64>) -> f64 {
 }
 
 /// The smallest range of severities that holds the ranges of all `classes`, which are of one kind.
+/// `None`: no law says what they do.
 fn range_of(classes: &[String], laws: &Catalogue) -> Option<[f64; 2]> {
-    let ranges = classes.iter().filter_map(|class| laws.law(class)).map(|law| law.range);
+    let known = classes.iter().filter_map(|class| laws.law(class));
+    let ranges = known.filter(|law| !law.changes_nothing()).map(|law| law.range);
     ranges.reduce(|[a, b], [c, d]| [a.min(c), b.max(d)])
 }
 

@@ -56,6 +56,7 @@ impl Design {
         design.classes = learn_classes(&design, set, isolate, settings, &mut warnings);
         if isolate.method == IsolateMethod::Posterior {
             design.physics = cold_start::physics(&design, set, grey_box, isolate)?;
+            warnings.extend(cold_start::unsized_classes(&design));
             if isolate.unlabelled_classes {
                 cold_start::add_classes(&mut design, isolate);
             }

@@ -6,8 +6,8 @@
 //! `Judge::is_no_ring` or `Judge::appearance`, which use a fit or misfit that they find there.
 
 use super::own_channel::OwnReference;
-use crate::isolate::calibration::Severity;
 use crate::isolate::physics_density::Comparison;
+use crate::isolate::severity::Severity;
 use crate::model::ring_fit::{Fit, FitBuffers};
 use crate::verdict::Appearance;
 
@@ -28,7 +28,7 @@ pub struct Workspace {
     /// ln damping and ln frequency of the fitted ring, relative to the healthy model's and corrected
     /// to its temperature; `None`: no ring was fitted, or it is no more than noise.
     pub ring: Option<[f64; 2]>,
-    /// `None`: no category was named.
+    /// `None`: the signal is of no class, or no law says what its size is.
     pub severity: Option<Severity>,
     /// The mean square, over the noise's variance, of the misfit of the fit; or, where that exceeds
     /// the bound of the best class, of the misfit beside the ring. NaN as `ring` is `None`.

@@ -3,9 +3,19 @@
 use super::class_density::mean_and_scatter;
 use super::fault_simulator::{CHANGES, Slope};
 use nalgebra::{DMatrix, DVector, SMatrix};
+use serde::{Deserialize, Serialize};
 
 const MOST_PASSES: usize = 10_000;
-/// Standard deviations of ln a, ln b, ln g, ln d, ln gain over healthy channels. Arguments and
+
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct ChannelSpread {
+    /// Standard deviations over healthy channels of ln a, ln b, ln g, ln d, ln gain.
+    pub changes: [f64; CHANGES],
+    /// Standard deviation of the phase by other causes, rad.
+    pub phase: f64,
+}
+
+/// How healthy channels differ. Arguments and
 /// `None`: as in `FaultPhysics::learn_spread`; `slope`: Jacobian of the features by these. The
 /// model is: covariance of the features = slope diag(variances) slope' + noise + a variance of the
 /// phase by other causes. Four features do not determine six variances, so a and b are given the
@@ -17,7 +27,7 @@ pub(super) fn spread_of_channels(
     features: &[DVector<f64>],
     noise: &DMatrix<f64>,
     channels: usize,
-) -> Option<[f64; CHANGES]> {
+) -> Option<ChannelSpread> {
     let n = features.len() as f64;
     if features.len() < 16 || noise.nrows() != 4 {
         return None;
@@ -68,7 +78,8 @@ pub(super) fn spread_of_channels(
         step /= 2.0;
     }
     let sd = best.map(f64::exp);
-    least.is_finite().then_some([sd[0], sd[0], sd[1], sd[1], sd[2]])
+    let changes = [sd[0], sd[0], sd[1], sd[1], sd[2]];
+    least.is_finite().then_some(ChannelSpread { changes, phase: sd[3] })
 }
 
 #[cfg(test)]

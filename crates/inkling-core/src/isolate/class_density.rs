@@ -1,25 +1,22 @@
 //! How the features of one fault class are spread: a density that can be learned from few examples.
 //!
 //! In: features of labelled signals, and the covariance of the fit's noise at the class. Out: a
-//! [`ClassDensity`], which gives the ln density of any features x, and how far outside the class
-//! they lie. It is a product of one-dimensional densities along axes u = B (x - mean), in each of
+//! [`ClassDensity`], which gives the ln density of any features x. It is a product of one-dimensional densities along axes u = B (x - mean), in each of
 //! which the noise has unit variance. How it is learned:
 //!
 //! 1. Mean and covariance of the examples, shrunk towards that of all classes as by one example.
-//! 2. Of two choices of B the likelier is kept: the axes that make the noise white and the class's
-//!    covariance diagonal; and the features, each over the noise's standard deviation.
+//! 2. Of two choices of B the likelier is kept (of few examples the better by Schwarz's criterion):
+//!    the axes that make the noise white and the class's covariance diagonal; and the features, each
+//!    over the noise's standard deviation.
 //! 3. Along each axis the density is a Gaussian, or (as faults come in severities over a range)
 //!    uniform over a range convolved with the noise: uniform in the feature, or in its exponential.
 //! 4. Both are widened, since the next signal is less well known than the examples: the Gaussian by
 //!    its predictive variance, the range by how far its ends lie beyond the outermost examples.
 
 use super::tuned;
-use crate::model::normal::{half_erfc, upper_tail};
-use crate::model::simd_math::{exp, ln};
-use crate::processor::for_processor;
+use crate::model::normal::upper_tail;
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 use serde::{Deserialize, Serialize};
-use std::sync::OnceLock;
 
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -46,9 +43,6 @@ pub struct ClassDensity {
     to_axes: Vec<Vec<f64>>,
     ln_determinant: f64,
     axes: Vec<Axis>,
-    /// ln of the factor that normalises the density, and of an upper bound; computed once.
-    #[serde(skip)]
-    ln_scales: OnceLock<[f64; 2]>,
 }
 
 impl ClassDensity {
@@ -81,55 +75,23 @@ impl ClassDensity {
         let SymmetricEigen { eigenvectors, .. } = SymmetricEigen::new(spread);
         let apart = DMatrix::from_diagonal(&noise.diagonal().map(|v| 1.0 / v.sqrt()));
 
-        [eigenvectors.transpose() * inverse, apart]
+        // turned axes are one more number per pair of features (Schwarz, 1978); many examples tell
+        let turns = if tell_ends { 0.0 } else { 0.25 * (size * (size - 1)) as f64 * n.ln() };
+        [(eigenvectors.transpose() * inverse, turns), (apart, 0.0)]
             .into_iter()
-            .filter_map(|to_axes| {
-                density_along(to_axes, &mean, (&covariance, wider), features, tell_ends)
+            .filter_map(|(to_axes, price)| {
+                let of = (&covariance, wider);
+                let (p, density) = density_along(to_axes, &mean, of, features, tell_ends)?;
+                Some((p - price, density))
             })
             .max_by(|(p, _), (q, _)| p.total_cmp(q))
             .map(|(_, density)| density)
     }
 
     pub fn ln_density(&self, x: &[f64]) -> f64 {
-        // of a range (convolved with noise) the mass is a difference of tails; else it is 1
-        let (mut ends, mut ln_rest) = ([[f64::NEG_INFINITY, f64::INFINITY]; 4], 0.0);
         let axes = self.axes.iter().zip(&self.to_axes);
-        for ((axis, row), ends) in axes.zip(&mut ends) {
-            let u = self.along(row, x);
-            match axis {
-                Axis::Gaussian(sd) => ln_rest -= 0.5 * (u / sd) * (u / sd),
-                Axis::Range(range) => {
-                    *ends = range.ends(u);
-                    ln_rest += range.ln_tilt(u);
-                }
-            }
-        }
-        let mut ln_masses = ln_masses(&ends);
-        for (ln_mass, [beyond, _]) in ln_masses.iter_mut().zip(ends) {
-            // far outside, the tails' difference underflows: take the asymptote of the near one
-            if *ln_mass < LN_LEAST_MASS {
-                *ln_mass = -0.5 * beyond * beyond - (beyond * SQRT_TAU).ln();
-            }
-        }
-        self.ln_scales()[0] + ln_rest + ln_masses.iter().sum::<f64>()
-    }
-
-    fn ln_scales(&self) -> &[f64; 2] {
-        let all = |of: fn(Axis) -> f64| {
-            self.ln_determinant + self.axes.iter().map(|axis| of(*axis)).sum::<f64>()
-        };
-        self.ln_scales.get_or_init(|| [all(Axis::ln_scale), all(Axis::ln_highest)])
-    }
-
-    /// ln of an upper bound, for negligible classes: ln_density(x) <= ln_highest - square(x) / 2.
-    pub fn ln_highest(&self) -> f64 {
-        self.ln_scales()[1]
-    }
-
-    /// Squared Mahalanobis distance, along a range from the nearer end, in the noise's units.
-    pub fn square(&self, x: &[f64]) -> f64 {
-        let axes = self.axes.iter().zip(&self.to_axes);
-        axes.map(|(axis, row)| axis.distance(self.along(row, x)).powi(2)).sum()
+        let along: f64 = axes.map(|(axis, row)| axis.ln_density(self.along(row, x))).sum();
+        self.ln_determinant + along
     }
 
     fn along(&self, row: &[f64], x: &[f64]) -> f64 {
@@ -200,7 +162,6 @@ fn density_along(
         to_axes: to_axes.row_iter().map(|r| r.iter().copied().collect()).collect(),
         ln_determinant,
         axes,
-        ln_scales: OnceLock::new(),
     };
     Some((likelihood, density))
 }
@@ -271,7 +232,6 @@ impl Axis {
         u.iter().map(|u| self.ln_density(u - middle)).sum()
     }
 
-    /// ln density along this axis; [`ClassDensity::ln_density`] computes that of all axes together.
     fn ln_density(self, u: f64) -> f64 {
         match self {
             Axis::Gaussian(sd) => -0.5 * (u / sd).powi(2) + self.ln_scale(),
@@ -297,56 +257,6 @@ impl Axis {
             Axis::Range(range) => -range.ln_mass(),
         }
     }
-
-    /// ln of an upper bound: ln_density(u) <= ln_highest - distance(u)² / 2. Noise carries the end
-    /// of a range to u with a probability <= e^(-distance² / 2); a range is densest at an end.
-    fn ln_highest(self) -> f64 {
-        match self {
-            Axis::Gaussian(_) => self.ln_scale(),
-            Axis::Range(range) => (range.slope * range.half_width).abs() + self.ln_scale(),
-        }
-    }
-
-    /// Distance from the class: in standard deviations of a Gaussian, or beyond the end of a range.
-    fn distance(self, u: f64) -> f64 {
-        match self {
-            Axis::Gaussian(sd) => u / sd,
-            Axis::Range(range) => (u.abs() - range.half_width).max(0.0),
-        }
-    }
-}
-
-/// ln of the smallest probability for which the difference of two tails is accurate.
-const LN_LEAST_MASS: f64 = -644.0;
-
-for_processor! {
-    /// ln of the probability between two limits of a unit Gaussian, for four pairs of limits; a
-    /// result below [`LN_LEAST_MASS`] means less than that.
-    fn ln_masses(ends: &[[f64; 2]; 4]) -> [f64; 4] { portable }
-}
-
-#[inline(always)] // body of `ln_masses`, compiled once per instruction set
-fn portable(ends: &[[f64; 2]; 4]) -> [f64; 4] {
-    let at: [f64; 8] = std::array::from_fn(|i| ends[i % 4][i / 4]);
-    let mut tails = [0.0; 8];
-    for i in 0..8 {
-        tails[i] = tail(at[i]);
-    }
-    let mut masses = [0.0; 4];
-    for i in 0..4 {
-        let mass = tails[i] - tails[i + 4];
-        masses[i] = ln(if mass > f64::MIN_POSITIVE { mass } else { f64::MIN_POSITIVE });
-    }
-    masses
-}
-
-/// [`upper_tail`] without branches.
-#[inline(always)] // compiled once per instruction set
-fn tail(x: f64) -> f64 {
-    // beyond 57 the tail is negligible
-    let (t, exponent) = half_erfc(if x.abs() < 57.0 { x.abs() } else { 57.0 });
-    let half = 0.5 * t * exp(if exponent > -700.0 { exponent } else { -700.0 });
-    if x >= 0.0 { half } else { 1.0 - half }
 }
 
 const SQRT_TAU: f64 = 2.506_628_274_631_000_7;

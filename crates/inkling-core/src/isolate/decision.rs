@@ -51,9 +51,10 @@ impl Decision {
 }
 
 impl Naming {
-    /// Whose severity belongs to a decision: the named class, or the best of the named category.
+    /// Whose severity belongs to a decision: the named class, the best of the named category, or the
+    /// candidate.
     pub fn sized(&self, decision: &Decision, weights: &[f64]) -> Option<usize> {
-        let category = decision.category?;
+        let Some(category) = decision.category else { return decision.candidate.map(usize::from) };
         let of_category = (0..self.category_of.len()).filter(|&k| self.category_of[k] == category);
         let best = of_category.max_by(|&i, &j| weights[i].total_cmp(&weights[j]));
         decision.fault.map(usize::from).or(best)

@@ -11,17 +11,14 @@
 //! 2. Differentiate the features by each channel's own changes of its rates and gain, and by errors
 //!    of the parameters that all channels share (central differences).
 //! 3. Covariance of the features at a severity: the channels' own changes through the first
-//!    derivative, what is uncertain of the physics through the second (`Trust`), and a fit's noise.
+//!    derivative, what is uncertain of the physics ([`super::discrepancy`]), and a fit's noise.
 //! 4. Place nodes along the curve, equally far apart in standard deviations of a signal.
 //! 5. Rotate each node's covariance to axes in which noise and other scatter are both diagonal
 //!    (`Node::scattered`), so that densities at any drive need no inversion.
 
-use super::fault_simulator::{
-    CHANGES, Changes, FaultSimulator, Point, Slope, Square, of_change, wrapped,
-};
-use super::tuned;
+use super::discrepancy::Discrepancy;
+use super::fault_simulator::{CHANGES, FaultSimulator, Point, Slope, Square, of_change, wrapped};
 use crate::model::faults::Law;
-use crate::numbers::GUESSED_RATE;
 use nalgebra::{Matrix2, Matrix4, Matrix4x2, SMatrix, SymmetricEigen, Vector2, Vector4};
 
 /// How healthy features are distributed (the phase free), and what is uncertain of the physics.
@@ -29,6 +26,8 @@ use nalgebra::{Matrix2, Matrix4, Matrix4x2, SMatrix, SymmetricEigen, Vector2, Ve
 pub struct HealthySpread {
     pub slope: Slope,
     pub channels: Square,
+    /// Variance of the phase by what no rate changes.
+    pub phase: f64,
     /// Covariance of the features due to noise, at the reference drive.
     pub noise: Matrix4<f64>,
     /// Covariance of the errors of the shared parameters.
@@ -62,7 +61,7 @@ pub struct Node {
     /// Severity in the coordinate of [`Law::scale`], and the length of the node's interval there.
     pub place: f64,
     pub length: f64,
-    /// Prior probability of the assumption (`Trust`) on which `belief` rests.
+    /// Probability of the assumption on which `belief` rests ([`fault_curve`]).
     pub weight: f64,
     /// Mean of the features under the conditions for which the curve was made.
     pub mean: Vector4<f64>,
@@ -80,43 +79,6 @@ pub struct Node {
     pub(super) ln_determinant: f64,
 }
 
-impl Node {
-    /// Of the features: of all scatter but the noise, and of the noise at the reference drive.
-    pub fn variances(&self) -> [Vector4<f64>; 2] {
-        let back = self.to_axes.try_inverse().unwrap_or_else(Matrix4::identity);
-        let along = |u: &Vector4<f64>| back * Matrix4::from_diagonal(u) * back.transpose();
-        [along(&self.spread).diagonal(), along(&Vector4::repeat(1.0)).diagonal()]
-    }
-}
-
-/// An assumption about how far the physics may be wrong. Every curve is made once under each, and
-/// the two are mixed evenly (docs/names.md), which is heuristic.
-#[derive(Clone, Copy, Debug)]
-enum Trust {
-    /// The law is right, and the rates are wrong as much as their posterior covariance says.
-    InRates,
-    /// The rates are guesses (`guessed_rate`); the law may miss `of_law`, or a share of the change.
-    InDirection,
-}
-
-impl Trust {
-    /// `believed`: [`Point::belief_slope`]; `mean`: the node's; `belief`: of the shared parameters.
-    fn covariance(self, believed: &Slope, mean: &Vector4<f64>, belief: &Square) -> Matrix4<f64> {
-        match self {
-            Trust::InRates => believed * belief * believed.transpose(),
-            Trust::InDirection => {
-                let (rate, pulse) = (GUESSED_RATE, tuned::PULSE_SD);
-                let guessed = Changes::from([rate, rate, rate, rate, pulse]).map(|sd| sd * sd);
-                let law = Vector4::from_fn(|j, _| {
-                    tuned::OF_LAW[j].powi(2).max((tuned::SHARE_OF_LAW * mean[j]).powi(2))
-                });
-                let rates = SMatrix::from_diagonal(&guessed);
-                believed * rates * believed.transpose() + Matrix4::from_diagonal(&law)
-            }
-        }
-    }
-}
-
 /// Number of steps of severity at which decays are simulated; between, interpolation is linear.
 const POINTS: usize = 64;
 /// Distance of neighbouring nodes, in standard deviations of a signal of any channel. A sum over
@@ -127,22 +89,39 @@ const NODE_DISTANCE: f64 = 0.7;
 /// Largest number of nodes between two neighbouring points.
 const MOST_BETWEEN: f64 = 48.0;
 
-/// From no fault to the `largest` severity, once for each assumption. `law`: of any class of the
-/// kind. `None`: at some severity the channel does not ring or cannot be fitted.
+/// From no fault to the `largest` severity, once as if the law held and once as it was found to be
+/// wrong, each as probable as [`Discrepancy`] says. `law`: of any class of the kind. `None`: at some
+/// severity the channel does not ring or cannot be fitted.
 pub fn fault_curve(
     simulator: &mut FaultSimulator,
     law: &Law,
     largest: f64,
-    healthy: &HealthySpread,
+    (healthy, discrepancy): (&HealthySpread, &Discrepancy),
 ) -> Option<Vec<Node>> {
     let none = law.scale(law.none());
     let most = law.scale(largest);
     let points: Vec<Point> = (0..=POINTS)
         .map(|i| simulator.point(law, none + (most - none) * i as f64 / POINTS as f64))
         .collect::<Option<_>>()?;
+
+    let held = points.iter().map(|point| {
+        let belief = point.belief_slope * healthy.belief * point.belief_slope.transpose();
+        Some(Believed { belief, point: point.clone() })
+    });
+    let learned = discrepancy.learned();
+    let wrong = points.iter().map(|point| {
+        let (off, belief) = learned.at(law, largest, point);
+        let mean = wrapped(point.mean + off);
+        let noise = simulator.noise_at(mean)?;
+        Some(Believed { belief, point: Point { mean, noise, ..point.clone() } })
+    });
+    let [held, wrong] = [held.collect::<Option<Vec<_>>>()?, wrong.collect::<Option<Vec<_>>>()?];
     let mut nodes = Vec::new();
-    for trust in [Trust::InRates, Trust::InDirection] {
-        nodes.extend(nodes_along(&points, law, trust, healthy)?);
+    let holds = discrepancy.holds().unwrap_or(0.0);
+    for (points, weight) in [(held, holds), (wrong, 1.0 - holds)] {
+        if weight > LEAST_WEIGHT {
+            nodes.extend(nodes_along(&points, law, weight, healthy)?);
+        }
     }
     // features are relative to the healthy ones, which a common change moves as well
     let own = |node: &Node| of_change(&(node.slope - healthy.slope));
@@ -150,21 +129,30 @@ pub fn fault_curve(
     Some(nodes)
 }
 
+/// An assumption that is less probable is left out.
+const LEAST_WEIGHT: f64 = 1e-3;
+
+struct Believed {
+    point: Point,
+    /// Covariance of the point's mean: how far the physics may be wrong.
+    belief: Matrix4<f64>,
+}
+
 /// Each node is for an interval of severities of `NODE_DISTANCE` at most (but for `MOST_BETWEEN`).
 /// `points`: at equal steps of their place. `None`: a covariance is singular.
 fn nodes_along(
-    points: &[Point],
+    points: &[Believed],
     law: &Law,
-    trust: Trust,
+    weight: f64,
     healthy: &HealthySpread,
 ) -> Option<Vec<Node>> {
     // distance of each point from the first along the curve, in standard deviations of a signal
     let mut distances = vec![0.0];
     for pair in points.windows(2) {
-        let (from, step) = (&pair[0], wrapped(pair[1].mean - pair[0].mean));
-        let own = from.slope * healthy.channels * from.slope.transpose()
-            + from.noise
-            + trust.covariance(&from.belief_slope, &from.mean, &healthy.belief);
+        let [Believed { point: from, belief }, Believed { point: to, .. }] = pair else { continue };
+        let step = wrapped(to.mean - from.mean);
+        let mut own = from.slope * healthy.channels * from.slope.transpose() + from.noise + belief;
+        own[(3, 3)] += healthy.phase;
         let distance = step.dot(&(own.try_inverse()? * step)).sqrt();
         distances.push(distances[distances.len() - 1] + distance.min(MOST_BETWEEN * NODE_DISTANCE));
     }
@@ -184,23 +172,24 @@ fn nodes_along(
     let node = |i: usize| {
         let (begins, ends) = (end(i as f64), end(i as f64 + 1.0));
         let steps = 0.5 * (begins + ends);
-        let (from, share) = (&points[steps as usize], steps.fract());
-        let to = &points[(steps as usize + 1).min(points.len() - 1)];
+        let share = steps.fract();
+        let [before, after] =
+            [steps as usize, (steps as usize + 1).min(points.len() - 1)].map(|i| &points[i]);
+        let (from, to) = (&before.point, &after.point);
         let place = from.place + share * (to.place - from.place);
         let mean = wrapped(from.mean + wrapped(to.mean - from.mean) * share);
-        let believed = from.belief_slope * (1.0 - share) + to.belief_slope * share;
         let node = Node {
             severity: law.severity_at(place),
             place,
-            length: (ends - begins) * (points[1].place - points[0].place).abs(),
-            weight: 0.5,
-            belief: trust.covariance(&believed, &mean, &healthy.belief),
+            length: (ends - begins) * (points[1].point.place - points[0].point.place).abs(),
+            weight,
+            belief: before.belief * (1.0 - share) + after.belief * share,
             noise: from.noise * (1.0 - share) + to.noise * share,
             mean,
             slope: from.slope * (1.0 - share) + to.slope * share,
             ..Node::default()
         };
-        node.among(&healthy.channels)
+        node.among(healthy)
     };
     (0..n as usize).map(node).collect()
 }
@@ -215,13 +204,13 @@ impl Node {
         healthy: &HealthySpread,
     ) -> Option<Node> {
         let node = Node { mean, slope: healthy.slope, belief, noise, ..Node::default() };
-        node.among(&healthy.channels)
+        node.among(healthy)
     }
 
-    /// The node for signals of any channel, whose own changes have the covariance `channels`.
-    fn among(self, channels: &Square) -> Option<Node> {
-        let spread = self.slope * channels * self.slope.transpose();
-        let beyond = spread + self.belief;
+    /// The node for signals of any channel.
+    fn among(self, healthy: &HealthySpread) -> Option<Node> {
+        let mut beyond = self.slope * healthy.channels * self.slope.transpose() + self.belief;
+        beyond[(3, 3)] += healthy.phase;
         self.scattered(&beyond)
     }
 
@@ -256,6 +245,13 @@ impl Node {
 
 #[cfg(test)]
 impl Node {
+    /// Of the features: of all scatter but the noise, and of the noise at the reference drive.
+    pub fn variances(&self) -> [Vector4<f64>; 2] {
+        let back = self.to_axes.try_inverse().unwrap_or_else(Matrix4::identity);
+        let along = |u: &Vector4<f64>| back * Matrix4::from_diagonal(u) * back.transpose();
+        [along(&self.spread).diagonal(), along(&Vector4::repeat(1.0)).diagonal()]
+    }
+
     /// Features in the node's axes, as distances from its mean under these conditions.
     fn along_axes(&self, x: &Vector4<f64>, conditions: Conditions) -> Vector4<f64> {
         let changed = self.by_change * conditions.changed;

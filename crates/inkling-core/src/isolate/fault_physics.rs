@@ -18,18 +18,20 @@
 //!    signals have the weights of Student's t, against wrong labels.
 
 use super::alternatives::{Alternative, broad};
-use super::channel_spread::spread_of_channels;
+use super::channel_spread::{ChannelSpread, spread_of_channels};
+use super::discrepancy::{self, Discrepancy, Shown};
 use super::fault_curve::{HealthySpread, fault_curve};
 use super::fault_simulator::{
-    ActuatedChannel, CHANGES, Changes, FaultSimulator, Slope, Square, of_change, wrapped,
+    ActuatedChannel, CHANGES, Changes, FaultSimulator, Point, Slope, Square, of_change, wrapped,
 };
-use super::physics_density::{FaultCurves, LabelledSeverities, Member, uniform_in_range};
+use super::physics_density::{FaultCurves, Guess, LabelledSeverities, Member, uniform_in_range};
 use super::tuned;
 use crate::fault::Class;
 use crate::model::faults::{Catalogue, Law};
 use crate::model::ring::Ring;
 use crate::model::ring_fit::{Features, RingFitter};
 use crate::model::{Actuation, InkChannel};
+use crate::numbers::GUESSED_RATE;
 use crate::side_by_side::{cores, side_by_side};
 use nalgebra::{DMatrix, DVector, Matrix2, Matrix4, SMatrix, Vector2, Vector4};
 use serde::{Deserialize, Serialize};
@@ -45,9 +47,10 @@ pub struct FaultPhysics {
     pub ring: Ring,
     /// Standard deviation of one sample's noise, counts.
     pub noise: f64,
-    /// Standard deviations over healthy channels of ln a, ln b, ln g, ln d, ln gain.
-    pub spread: [f64; CHANGES],
+    pub spread: ChannelSpread,
     pub seen: BTreeMap<String, LabelledSeverities>,
+    /// How far the laws lie off labelled sizes, by the name of one class of each kind.
+    pub learned: BTreeMap<String, Discrepancy>,
     #[serde(default, skip_serializing_if = "Catalogue::is_empty")]
     pub laws: Catalogue,
 }
@@ -63,6 +66,8 @@ pub struct LabelledFault {
     pub drive: f64,
     /// ln damping and ln frequency of the healthy ring then, relative to [`FaultPhysics::ring`].
     pub ring: [f64; 2],
+    /// Printhead and number.
+    pub channel: (Option<String>, u32),
     /// One over the number of labelled signals of its channel, which are not independent.
     pub weight: f64,
 }
@@ -88,8 +93,9 @@ impl FaultPhysics {
             belief: [[0.0; CHANGES]; CHANGES],
             ring,
             noise,
-            spread: [0.0; CHANGES],
+            spread: ChannelSpread::default(),
             seen: BTreeMap::new(),
+            learned: BTreeMap::new(),
             laws: Catalogue::default(),
         };
         let prior = Prior::new(guess, guess_sd)?;
@@ -141,21 +147,11 @@ impl FaultPhysics {
             let mut simulator = self.simulator(&fitter)?;
             let (mut information, mut gradient) = (Square::zeros(), Changes::zeros());
             for signal in labelled.iter().filter(|signal| signal.severity.is_finite()) {
-                let law = self.laws.law(&signal.kind);
-                let Some(point) =
-                    law.and_then(|law| simulator.point(law, law.scale(signal.severity)))
-                else {
-                    continue;
-                };
-
-                let scatter = point.slope * self.channels() * point.slope.transpose()
-                    + point.noise / (signal.drive * signal.drive);
+                let law = self.laws.law(&signal.kind).filter(|law| !law.changes_nothing());
+                let look = law.and_then(|law| signal.look(law, &mut simulator, &change));
+                let Some(Look { point, off: rest, noise }) = look else { continue };
+                let scatter = self.scatter(&point.slope) + noise;
                 let Some(inverse) = scatter.try_inverse() else { continue };
-
-                // the healthy ring had changed by then (ink temperature), and the faulty one with it
-                let changed = change * Vector2::from(signal.ring);
-                let moved = of_change(&(point.slope - simulator.healthy_slope)) * changed;
-                let rest = wrapped(signal.features - point.mean - moved);
 
                 // Student's t in four dimensions, against wrong labels
                 let square = rest.dot(&(inverse * rest));
@@ -167,6 +163,71 @@ impl FaultPhysics {
             self.step(&prior, information, gradient)?;
         }
         Some(())
+    }
+
+    /// Learns how far the laws lie off labelled signals with a severity. `None`: nothing rings.
+    pub fn learn_discrepancies(
+        &mut self,
+        labelled: &[LabelledFault],
+        sampling: Sampling,
+    ) -> Option<()> {
+        let fitter = self.fitter(sampling);
+        let (mut simulator, change) = (self.simulator(&fitter)?, self.change()?);
+        let sized = labelled.iter().filter(|signal| signal.severity.is_finite());
+        let known = sized.filter_map(|signal| Some((signal, self.laws.law(&signal.kind)?)));
+        let mut kinds: Vec<(&str, &Law, BTreeMap<_, Vec<Look>>)> = Vec::new();
+        for (signal, law) in known {
+            let Some(look) = signal.look(law, &mut simulator, &change) else { continue };
+            let place = kinds.iter().position(|(_, kind, _)| kind.is_kind_of(law));
+            let place = place.unwrap_or_else(|| {
+                kinds.push((&signal.kind, law, BTreeMap::new()));
+                kinds.len() - 1
+            });
+            kinds[place].2.entry(&signal.channel).or_default().push(look);
+        }
+        let learn = |(name, law, channels): (&str, &Law, BTreeMap<_, Vec<Look>>)| {
+            let largest = self.laws.largest(law);
+            let shown = channels.values().map(|looks| self.shown(law, largest, looks));
+            (name.to_string(), Discrepancy::learn(law, &shown.collect::<Vec<_>>()))
+        };
+        self.learned = kinds.into_iter().map(learn).collect();
+        Some(())
+    }
+
+    /// The mean of what one channel shows of a law.
+    fn shown(&self, law: &Law, largest: f64, looks: &[Look]) -> Shown {
+        let n = looks.len() as f64;
+        let slope = looks.iter().map(|look| look.point.slope).sum::<Slope>() / n;
+        let believed = looks.iter().map(|look| look.point.belief_slope).sum::<Slope>() / n;
+        let noise = looks.iter().map(|look| look.noise).sum::<Matrix4<f64>>() / (n * n);
+        let rows = looks.iter().map(|look| discrepancy::rows(law, largest, &look.point));
+        Shown {
+            off: looks.iter().map(|look| look.off).sum::<Vector4<f64>>() / n,
+            rows: rows.sum::<discrepancy::Rows>() / n,
+            belief: believed * self.belief() * believed.transpose(),
+            scatter: self.scatter(&slope) + noise,
+        }
+    }
+
+    /// How far a law is known to lie off; where no label of its kind has a size, as probably at all
+    /// as the other kinds' do.
+    fn discrepancy(&self, law: &Law) -> (Discrepancy, Guess) {
+        let is_of_kind = |name: &String| self.laws.law(name).is_some_and(|of| of.is_kind_of(law));
+        let (own, others): (Vec<_>, Vec<_>) =
+            self.learned.iter().partition(|(name, _)| is_of_kind(name));
+        let (sum, n) = others.iter().fold((0.5, 1.0), |(sum, n), (_, of)| match of.holds() {
+            Some(holds) => (sum + holds, n + 1.0),
+            None => (sum, n),
+        });
+        let before = sum / n;
+        match own.first() {
+            Some((_, learned)) => (learned.given(before), Guess::default()),
+            None => {
+                // as uncertain as a guessed rate, but for as far as the laws of others hold
+                let share = GUESSED_RATE * (2.0 * (1.0 - before)).min(1.0).sqrt();
+                (Discrepancy::unknown(law).given(before), Guess { none: law.none(), share })
+            }
+        }
     }
 
     /// Derivative of (ln stiffness, ln viscosity) by (ln damping, ln frequency) of the healthy ring.
@@ -217,9 +278,20 @@ impl FaultPhysics {
         Some(())
     }
 
+    fn belief(&self) -> Square {
+        Square::from_fn(|i, j| self.belief[i][j])
+    }
+
+    /// Covariance of the features by which channels differ, where `slope` is their derivative.
+    fn scatter(&self, slope: &Slope) -> Matrix4<f64> {
+        let mut scatter = slope * self.channels() * slope.transpose();
+        scatter[(3, 3)] += self.spread.phase.powi(2);
+        scatter
+    }
+
     /// Covariance of a channel's own changes, which are taken for independent of each other.
     fn channels(&self) -> Square {
-        Square::from_diagonal(&Changes::from(self.spread).map(|sd| sd * sd))
+        Square::from_diagonal(&Changes::from(self.spread.changes).map(|sd| sd * sd))
     }
 
     /// Behind those of `classes` come those of what is no class; none, where the healthy channel
@@ -231,16 +303,17 @@ impl FaultPhysics {
         let healthy = HealthySpread {
             slope: simulator.as_ref().map_or(Slope::zeros(), |of| of.healthy_slope),
             channels: self.channels(),
+            phase: self.spread.phase.powi(2),
             noise: noise.unwrap_or_else(Matrix4::identity),
-            belief: Square::from_fn(|i, j| self.belief[i][j]),
+            belief: self.belief(),
             change: self.change().unwrap_or_default(),
         };
         let mut curves = FaultCurves::new(classes.len(), healthy.clone());
         let Some(simulator) = simulator else { return curves };
         let curves_of = |laws: Vec<&Law>| {
             side_by_side(cores(), laws, |law| {
-                let most = self.laws.largest(law);
-                fault_curve(&mut simulator.clone(), law, most, &healthy)
+                let (most, (discrepancy, _)) = (self.laws.largest(law), self.discrepancy(law));
+                fault_curve(&mut simulator.clone(), law, most, (&healthy, &discrepancy))
             })
         };
 
@@ -255,8 +328,9 @@ impl FaultPhysics {
             }
         }
         let of_kinds = kinds.iter().zip(curves_of(kinds.clone()));
-        let numbered: Vec<(&Law, usize)> =
-            of_kinds.filter_map(|(kind, curve)| Some((*kind, curves.add(curve?)))).collect();
+        let numbered: Vec<(&Law, usize)> = of_kinds
+            .filter_map(|(kind, curve)| Some((*kind, curves.add(curve?, self.discrepancy(kind).1))))
+            .collect();
         let member = |law| {
             let (_, curve) = *numbered.iter().find(|(kind, _)| kind.is_kind_of(law))?;
             Some(Member { law, curve })
@@ -293,6 +367,30 @@ impl FaultPhysics {
         let gain = law.gain(severity);
         let faulty = simulator.decay(&law.apply(severity, &self.channel)?)?;
         Some(faulty.iter().zip(&healthy).map(|(f, h)| gain * f - h).collect())
+    }
+}
+
+/// A labelled signal beside what the physics expects of its severity.
+struct Look {
+    point: Point,
+    off: Vector4<f64>,
+    noise: Matrix4<f64>,
+}
+
+impl LabelledFault {
+    /// `change`: [`FaultPhysics::change`]. `None`: the channel would not ring.
+    fn look(
+        &self,
+        law: &Law,
+        simulator: &mut FaultSimulator,
+        change: &Matrix2<f64>,
+    ) -> Option<Look> {
+        let point = simulator.point(law, law.scale(self.severity))?;
+        // the healthy ring had changed by then (ink temperature), and the faulty one with it
+        let changed = change * Vector2::from(self.ring);
+        let moved = of_change(&(point.slope - simulator.healthy_slope)) * changed;
+        let off = wrapped(self.features - point.mean - moved);
+        Some(Look { noise: point.noise / (self.drive * self.drive), off, point })
     }
 }
 

@@ -187,8 +187,13 @@ impl<'a> FaultSimulator<'a> {
             belief_slope[(3, j)] = slope[(3, j)] - phase * mean[2].exp();
         }
         belief_slope.set_column(4, &of_pulse);
-        let noise = self.fitter.noise_covariance(&Features::from(mean), self.noise)?;
+        let noise = self.noise_at(mean)?;
         Some(Point { place, mean, slope, belief_slope, noise })
+    }
+
+    /// Covariance of a fit's noise at these features.
+    pub fn noise_at(&self, features: Vector4<f64>) -> Option<Matrix4<f64>> {
+        self.fitter.noise_covariance(&Features::from(features), self.noise)
     }
 }
 

@@ -7,19 +7,20 @@
 //!
 //! * The default, a posterior over the classes from a fitted ring's features: [`fault_physics`] (the
 //!   channel's parameters), [`fault_curve`] with [`fault_simulator`] (what a fault does to the
-//!   features), [`physics_density`] with `node_columns` (densities along these curves),
-//!   [`class_density`] (densities from labelled signals), [`posterior`] and [`stacking`] (both
-//!   together), [`alternatives`] (what is no class), [`typical`] (what may lie beside the ring).
+//!   features) and [`discrepancy`] (how far that lies off labelled sizes), [`physics_density`] with
+//!   `node_columns` (densities along these curves), [`class_density`] (densities from labelled
+//!   signals), [`posterior`] and [`stacking`] (both together), [`alternatives`] (what is no class),
+//!   [`typical`] (what may lie beside the ring).
 //! * The thesis's methods: [`residual_matching`] with [`signatures`], [`model_matching`],
 //!   [`neighbours`].
-//! * From weights to words: [`decision`], [`severity`] with [`calibration`], [`appearance`].
+//! * From weights to words: [`decision`], [`severity`], [`appearance`].
 
 pub mod alternatives;
 pub mod appearance;
-pub mod calibration;
-mod channel_spread;
+pub mod channel_spread;
 pub mod class_density;
 pub mod decision;
+pub mod discrepancy;
 pub mod fault_curve;
 pub mod fault_physics;
 pub mod fault_simulator;

@@ -16,12 +16,11 @@
 //! (`name_counts`), as the labelled signals have it (n), and uniform over the whole curve (1).
 
 use super::alternatives::Alternative;
-use super::calibration::{Calibration, SeverityLine};
 use super::fault_curve::{Conditions, HealthySpread, Node};
 use super::node_columns::{self, ComparedBlock, NODES, NodeColumns, NodeDensities, OfNodes};
+use super::posterior::sum_of;
 use super::tuned;
 use crate::model::faults::Law;
-use crate::model::simd_math::ln;
 use crate::processor::for_processor;
 use crate::verdict::Appearance;
 use nalgebra::{Matrix4, Vector2, Vector4};
@@ -31,11 +30,21 @@ pub struct FaultCurves {
     /// Per class its kinds of fault (empty: of no law, or none that rings), and behind the classes
     /// the alternatives, each as if it were a class.
     classes: Vec<Vec<SeverityPrior>>,
-    pub(super) calibrations: Vec<Option<Calibration>>,
     /// In the order in which they stand behind the classes.
     alternatives: Vec<Weighted>,
     pub(super) curves: Vec<NodeColumns>,
+    /// Of each curve.
+    pub(super) guesses: Vec<Guess>,
     healthy: HealthySpread,
+}
+
+/// How uncertain sizes are beyond what a signal tells, since no label of the kind has one.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Guess {
+    /// The severity of no fault.
+    pub none: f64,
+    /// Standard deviation, as a share of what the fault changes.
+    pub share: f64,
 }
 
 #[derive(Clone, Debug)]
@@ -64,9 +73,6 @@ pub struct LabelledSeverities {
     pub n: f64,
     /// Quantiles of the severities, ascending; at most 64.
     pub severities: Vec<f64>,
-    /// How estimated severities lie off labelled ones; `None`: too few labels tell.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub error: Option<SeverityLine>,
 }
 
 const MOST_QUANTILES: usize = 64;
@@ -88,7 +94,7 @@ impl LabelledSeverities {
                 quantiles.push(severity);
             }
         }
-        LabelledSeverities { n, severities: quantiles, error: None }
+        LabelledSeverities { n, severities: quantiles }
     }
 }
 
@@ -96,9 +102,9 @@ impl FaultCurves {
     pub fn new(classes: usize, healthy: HealthySpread) -> FaultCurves {
         FaultCurves {
             classes: vec![Vec::new(); classes],
-            calibrations: vec![None; classes],
             alternatives: Vec::new(),
             curves: Vec::new(),
+            guesses: Vec::new(),
             healthy,
         }
     }
@@ -110,10 +116,11 @@ impl FaultCurves {
     /// and the baseline = slope changes + error observes them. With the gain K = S slope' (slope S
     /// slope' + error)^-1 they are K baseline, with the covariance S - K slope S.
     pub fn of_one_channel(&self, shot: &Matrix4<f64>, signals: f64) -> Option<FaultCurves> {
-        let HealthySpread { slope, channels, noise, .. } = &self.healthy;
+        let HealthySpread { slope, channels, phase, noise, .. } = &self.healthy;
         // covariance of the baseline's error, and of the baseline in all
         let of_baseline = (noise + shot) / signals;
-        let all = slope * channels * slope.transpose() + of_baseline;
+        let mut all = slope * channels * slope.transpose() + of_baseline;
+        all[(3, 3)] += phase;
         let gain = channels * slope.transpose() * all.try_inverse()?;
         let left = channels - gain * slope * channels;
         // rounding leaves the covariance not quite symmetric
@@ -126,8 +133,9 @@ impl FaultCurves {
         Some(own)
     }
 
-    pub fn add(&mut self, curve: Vec<Node>) -> usize {
+    pub fn add(&mut self, curve: Vec<Node>, guess: Guess) -> usize {
         self.curves.push(NodeColumns::of(curve));
+        self.guesses.push(guess);
         self.curves.len() - 1
     }
 
@@ -165,11 +173,6 @@ impl FaultCurves {
             SeverityPrior { curve, share: NodeColumns::in_blocks(&share) }
         };
         self.classes[k] = curves.iter().map(of_curve).collect();
-
-        // without labels, what a fault changes is as uncertain as guessed rates are
-        let learned = seen.and_then(|seen| seen.error).map(Calibration::Learned);
-        let guessed = |member: &Member| Calibration::Guessed { none: member.law.none() };
-        self.calibrations[k] = learned.or_else(|| members.first().map(guessed));
     }
 
     /// `weight`: its a priori share of what is flagged; `share`: of each node, up to a factor.
@@ -182,7 +185,7 @@ impl FaultCurves {
     ) {
         let sum: f64 = share.iter().sum();
         let share: Vec<f64> = share.iter().map(|share| share / sum).collect();
-        let curve = self.add(curve);
+        let curve = self.add(curve, Guess::default());
         self.classes.push(vec![SeverityPrior { curve, share: NodeColumns::in_blocks(&share) }]);
         self.alternatives.push(Weighted { what, weight });
     }
@@ -190,11 +193,6 @@ impl FaultCurves {
     /// `ring`: how ln damping and ln frequency of the healthy ring have changed.
     pub fn changed(&self, ring: [f64; 2]) -> Vector2<f64> {
         self.healthy.change * Vector2::from(ring)
-    }
-
-    pub fn uncalibrated(mut self) -> FaultCurves {
-        self.calibrations.fill(None);
-        self
     }
 
     pub fn class(&self, k: usize) -> &[SeverityPrior] {
@@ -229,9 +227,6 @@ impl FaultCurves {
     }
 }
 
-/// Number of classes whose logarithms are computed together.
-const CLASSES: usize = 16;
-
 for_processor! {
     fn compare(of: &FaultCurves, x: &Vector4<f64>, conditions: Conditions, out: &mut Comparison) { portable }
 }
@@ -250,33 +245,15 @@ fn portable(of: &FaultCurves, x: &Vector4<f64>, conditions: Conditions, out: &mu
             node_columns::densities(columns, compared, &mut of.densities) - LN_TAU_SQUARED;
     }
 
-    // per class the mean of the densities over its severities: `expectations` times e^`scales`
-    for (classes, lns) in of.classes.chunks(CLASSES).zip(ln_densities.chunks_mut(CLASSES)) {
-        let (mut expectations, mut scales) = ([1.0; CLASSES], [f64::NEG_INFINITY; CLASSES]);
-        for (l, kinds) in classes.iter().enumerate() {
-            for sizes in kinds {
-                let of = &of_curves[sizes.curve];
-                let expectation = sizes.expectation(&of.densities);
-                // all nodes are negligible, or the class has none of these severities
-                if expectation <= f32::MIN_POSITIVE.into() {
-                    continue;
-                }
-                match scales[l] == f64::NEG_INFINITY {
-                    true => (expectations[l], scales[l]) = (expectation, of.ln_scale),
-                    // the others: add the densities, with the larger factor taken out
-                    false => {
-                        let most = scales[l].max(of.ln_scale);
-                        expectations[l] = expectations[l] * (scales[l] - most).exp()
-                            + expectation * (of.ln_scale - most).exp();
-                        scales[l] = most;
-                    }
-                }
-            }
-        }
-        for l in 0..CLASSES {
-            scales[l] += ln(expectations[l]);
-        }
-        lns.copy_from_slice(&scales[..classes.len()]);
+    // per class the mean of the densities over its severities, of each kind up to e^`ln_scale`
+    for (kinds, ln_density) in of.classes.iter().zip(&mut *ln_densities) {
+        let of_kind = |sizes: &SeverityPrior| {
+            let of = &of_curves[sizes.curve];
+            // negligible where all nodes are, or the class has none of these severities
+            let expectation = sizes.expectation(&of.densities);
+            (expectation > f32::MIN_POSITIVE.into()).then(|| of.ln_scale + expectation.ln())
+        };
+        *ln_density = kinds.iter().filter_map(of_kind).fold(f64::NEG_INFINITY, sum_of);
     }
 
     // the alternatives are moved to their own list, weighted

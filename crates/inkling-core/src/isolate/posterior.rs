@@ -10,8 +10,6 @@
 //! ```
 
 use super::class_density::ClassDensity;
-use crate::model::simd_math::exp;
-use crate::processor::for_processor;
 use serde::{Deserialize, Serialize};
 use std::sync::OnceLock;
 
@@ -40,7 +38,7 @@ impl Posterior {
 
     /// `weights` receives the posterior of each class, NaN if the features have no density in any.
     /// `physics`: its ln densities of the four features, empty where there is none; `ln_densities`
-    /// receives those of the mixtures, before temperature and priors, -infinity where negligible.
+    /// receives those of the mixtures, before temperature and priors.
     pub fn weigh(
         &self,
         features: &[f64],
@@ -55,36 +53,11 @@ impl Posterior {
             (0..self.classes.len()).map(of).collect()
         });
 
-        // the largest density is no less than the largest of the physics' parts
-        let of_physics = |k: usize| physics.get(k).map(|physics| physics + ln_shares[k][0]);
-        let largest_part =
-            (0..physics.len()).filter_map(of_physics).fold(f64::NEG_INFINITY, f64::max);
-
-        // Most classes are so far away that their learned densities need not be computed: `weights`
-        // holds the squared distances at first. `nearest` leaves out classes of nearly pure
-        // physics.
-        let mut nearest = f64::INFINITY;
-        for (k, (square, class)) in weights.iter_mut().zip(&self.classes).enumerate() {
-            *square = class.as_ref().map_or(f64::INFINITY, |class| class.square(features));
-            if share(k) < MOSTLY_PHYSICS {
-                nearest = nearest.min(*square);
-            }
-        }
-
         for (k, (w, class)) in weights.iter_mut().zip(&self.classes).enumerate() {
-            let near = *w < nearest + self.temperature * FAR || nearest == f64::INFINITY;
-            let physics = of_physics(k);
-            // nor do those whose upper bound is negligible beside the physics, of this class or any
-            let ln_learned = ln_shares[k][1];
-            let counts = |class: &&ClassDensity| {
-                let highest = ln_learned + class.ln_highest() - 0.5 * *w;
-                physics.is_none_or(|ln| {
-                    highest > ln - NEGLIGIBLE
-                        && highest > largest_part - self.temperature * NEGLIGIBLE
-                })
-            };
-            let learned = ln_or_none(class.as_ref().filter(|_| near).filter(counts), features);
-            *w = physics.map_or(learned, |physics| sum_of(learned + ln_learned, physics));
+            let learned = ln_or_none(class.as_ref(), features);
+            let [of_physics, of_learned] = ln_shares[k];
+            let mixed = |physics: &f64| sum_of(learned + of_learned, physics + of_physics);
+            *w = physics.get(k).map_or(learned, mixed);
         }
         ln_densities.clear();
         ln_densities.extend_from_slice(weights);
@@ -92,15 +65,8 @@ impl Posterior {
     }
 }
 
-/// A class whose squared distance exceeds the nearest one's by this, times the temperature, has a
-/// density smaller by a factor of e^-60: far more than peak densities differ by.
-const FAR: f64 = 120.0;
-/// ln ratio of two densities beyond which a certainty does not show the smaller in any digit.
-const NEGLIGIBLE: f64 = 17.0;
 /// ln of the ratio of two numbers from which on the smaller does not change the sum.
 pub(super) const ROUNDED_AWAY: f64 = 40.0;
-/// A class with at least this weight of the physics makes no other class count as too far away.
-const MOSTLY_PHYSICS: f64 = 0.999;
 
 /// ln of the sum of two numbers that are given by their ln.
 pub(super) fn sum_of(p: f64, q: f64) -> f64 {
@@ -118,29 +84,10 @@ pub(super) fn ln_or_none(class: Option<&ClassDensity>, x: &[f64]) -> f64 {
 /// In place; NaN if all are -infinity. `priors`: empty: all are alike.
 pub(super) fn to_posterior(temperature: f64, priors: &[f64], weights: &mut [f64]) {
     let most = weights.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-    let by = 1.0 / temperature;
-    for chunk in weights.chunks_mut(CLASSES) {
-        let mut less = [f64::NEG_INFINITY; CLASSES];
-        less.iter_mut().zip(&*chunk).for_each(|(less, w)| *less = (w - most) * by);
-        chunk.copy_from_slice(&exp_lanes(less)[..chunk.len()]);
-    }
+    weights.iter_mut().for_each(|w| *w = ((*w - most) / temperature).exp());
     weights.iter_mut().zip(priors).for_each(|(w, prior)| *w *= prior);
     let sum: f64 = weights.iter().sum();
     weights.iter_mut().for_each(|w| *w /= sum);
-}
-
-const CLASSES: usize = 16;
-
-for_processor! {
-    /// Exponentials of some numbers at once; 0 for numbers below -700.
-    fn exp_lanes(of: [f64; CLASSES]) -> [f64; CLASSES] { portable }
-}
-
-#[inline(always)] // body of `exp_lanes`, compiled once per instruction set
-fn portable(of: [f64; CLASSES]) -> [f64; CLASSES] {
-    const LEAST: f64 = -700.0;
-    // a NaN is not less, so it remains one
-    of.map(|x| if x < LEAST { 0.0 } else { exp(x) })
 }
 
 #[cfg(test)]

@@ -5,14 +5,20 @@
 //!
 //! 1. Within one class a sum over the nodes of the kind's curve ([`super::fault_curve`]): the
 //!    density of the features there is the likelihood, the node's share in the class the prior.
-//! 2. Calibrated by labels, or widened where there are none ([`super::calibration`]).
+//! 2. Widened where no label of the kind has a size: what the fault changes is as uncertain as
+//!    guessed rates are, as no decay tells a factor along the curve.
 //! 3. Classes of one kind that differ in degree only (slightly, medium, deeply dried) are mixed by
 //!    their posterior weights, since none of them may be certain.
 
-use super::calibration::Severity;
-use super::node_columns::{self, NODES, NodeDensities};
-use super::physics_density::{Comparison, FaultCurves, SeverityPrior};
-use crate::processor::for_processor;
+use super::node_columns::NodeDensities;
+use super::physics_density::{Comparison, FaultCurves, Guess, SeverityPrior};
+
+/// A severity in the unit of its class (`schemas/verdicts.md`), with its standard deviation.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Severity {
+    pub value: f64,
+    pub sd: f64,
+}
 
 impl FaultCurves {
     /// In the unit of the kind of `class` (an index). `weights`: the posterior of all classes, of
@@ -21,7 +27,7 @@ impl FaultCurves {
     pub fn severity(&self, class: usize, weights: &[f64], of: &Comparison) -> Option<Severity> {
         let [SeverityPrior { curve, .. }] = *self.class(class) else { return None };
         let densities = &of.of_curves.get(curve)?.densities;
-        // classes of one kind share a curve, and differ in their prior and their calibration
+        // classes of one kind share a curve, and differ in their prior
         let (mut value, mut square, mut total) = (0.0, 0.0, 0.0);
         for (k, weight) in weights.iter().enumerate().filter(|(_, weight)| **weight > 1e-3) {
             let [sizes] = self.class(k) else { continue };
@@ -31,11 +37,10 @@ impl FaultCurves {
 
             let [sum, of_value, of_square] = moments(self, sizes, densities);
             let mean = of_value / sum;
-            let of_class =
-                Severity { value: mean, sd: (of_square / sum - mean * mean).max(0.0).sqrt() };
-            let of_class = self.calibrations[k].map_or(of_class, |by| by.correct(of_class));
-            value += weight * of_class.value;
-            square += weight * (of_class.value.powi(2) + of_class.sd.powi(2));
+            let Guess { none, share } = self.guesses[curve];
+            let guessed = share * (mean - none);
+            value += weight * mean;
+            square += weight * (of_square / sum + guessed * guessed);
             total += weight;
         }
 
@@ -46,23 +51,17 @@ impl FaultCurves {
     }
 }
 
-for_processor! {
-    /// Moments of order 0, 1 and 2 of the severity, nodes weighted by share times density.
-    fn moments(of: &FaultCurves, sizes: &SeverityPrior, densities: &[NodeDensities]) -> [f64; 3] { portable }
-}
-
-#[inline(always)] // body of `moments`, compiled once per instruction set
-fn portable(of: &FaultCurves, sizes: &SeverityPrior, densities: &[NodeDensities]) -> [f64; 3] {
-    let [mut sum, mut of_value, mut of_square] = [[0.0; NODES]; 3];
+/// Moments of order 0, 1 and 2 of the severity, nodes weighted by share times density.
+fn moments(of: &FaultCurves, sizes: &SeverityPrior, densities: &[NodeDensities]) -> [f64; 3] {
+    let mut moments = [0.0; 3];
     for NodeDensities { block, of: density } in densities {
-        let (share, severity) = (&sizes.share[*block], of.curves[sizes.curve].severities(*block));
-        for i in 0..NODES {
-            let w = f64::from(share[i]) * f64::from(density[i]);
-            let weighed = w * severity[i];
-            sum[i] += w;
-            of_value[i] += weighed;
-            of_square[i] += weighed * severity[i];
+        let severities = of.curves[sizes.curve].severities(*block);
+        for ((share, density), size) in sizes.share[*block].iter().zip(density).zip(severities) {
+            let weight = f64::from(*share) * f64::from(*density);
+            moments[0] += weight;
+            moments[1] += weight * size;
+            moments[2] += weight * size * size;
         }
     }
-    [node_columns::sum(&sum), node_columns::sum(&of_value), node_columns::sum(&of_square)]
+    moments
 }

@@ -21,6 +21,9 @@ pub const OF_LAW: [f64; 4] = [0.02, 0.03, 0.005, 0.03];
 /// What a fault's law may be wrong, as a share of the change of the feature, if that is more.
 pub const SHARE_OF_LAW: f64 = 0.1;
 
+/// Prior standard deviation, by feature, of where a class lies of which no law is known.
+pub const OF_OWN: [f64; 4] = [0.4, 0.5, 0.25, 1.0];
+
 /// Number of examples from which on the ends of a range are estimated: a further one lies between
 /// the least and the greatest of n with probability (n - 1) / (n + 1), which is to be .95.
 pub const TELL_ENDS: usize = 39;

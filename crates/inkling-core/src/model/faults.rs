@@ -91,6 +91,26 @@ impl Catalogue {
         self.own.get(name).or_else(|| laws().get(name))
     }
 
+    /// Adds a law that says nothing but which sizes a user's own class has, the least one first.
+    pub fn add_sizes(&mut self, class: &str, range: [f64; 2]) {
+        let law = Law {
+            change: class.into(),
+            size: Size::Added,
+            restrictor_inertance: 0.0,
+            restrictor_resistance: 0.0,
+            nozzle_inertance: 0.0,
+            nozzle_resistance: 0.0,
+            compliance: 0.0,
+            amplitude: 0.0,
+            resistances: 1.0,
+            range,
+            weight: 0.0,
+            category: None,
+            unit: None,
+        };
+        self.own.insert(class.into(), law);
+    }
+
     pub fn own_classes(&self) -> impl Iterator<Item = &str> {
         self.own.iter().filter(|(_, law)| law.weight == 0.0).map(|(name, _)| name.as_str())
     }
@@ -208,7 +228,13 @@ impl Law {
     pub fn is_kind_of(&self, other: &Law) -> bool {
         let grows = |law: &Law| law.range[1] > law.none();
         let same = self.size == other.size && self.resistances == other.resistances;
-        same && self.powers() == other.powers() && grows(self) == grows(other)
+        let alike = same && self.powers() == other.powers() && grows(self) == grows(other);
+        // laws that say nothing are of the class alone after which they are called
+        alike && (!self.changes_nothing() || self.change == other.change)
+    }
+
+    pub fn changes_nothing(&self) -> bool {
+        self.powers() == [0.0; 6] && self.resistances == 1.0
     }
 
     pub fn none(&self) -> f64 {

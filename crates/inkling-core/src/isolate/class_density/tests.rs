@@ -38,31 +38,15 @@ fn learned(sizes: Sizes) -> ClassDensity {
 }
 
 #[test]
-fn density_integrates_to_one_is_that_of_its_axes_and_lies_below_its_bound() {
+fn density_integrates_to_one() {
     for sizes in ALL {
         let density = learned(sizes);
         let h = 0.02;
-        let (mut mass, mut closest) = (0.0, f64::INFINITY);
-        for i in -400..600 {
-            for j in -100..100 {
-                let x = [f64::from(i) * h, f64::from(j) * h];
-                let found = density.ln_density(&x);
-                mass += found.exp() * h * h;
-                let bound = density.ln_highest() - 0.5 * density.square(&x);
-                // the tail that the density is made of is good to 1.2e-7
-                assert!(found <= bound + 1e-6, "{x:?}");
-                closest = closest.min(bound - found);
-            }
-            // far out, too
-            let x = [f64::from(i) * 0.1, f64::from(i % 7) * 0.05];
-            let axes = density.axes.iter().zip(&density.to_axes);
-            let each = axes.map(|(axis, row)| axis.ln_density(density.along(row, &x)));
-            let want = density.ln_determinant + each.sum::<f64>();
-            let found = density.ln_density(&x);
-            assert!((found - want).abs() < 1e-9 * want.abs().max(1.0), "{x:?} {found} {want}");
-        }
-        assert!((mass - 1.0).abs() < 1e-3, "{mass}");
-        assert!(closest < 1.0, "{closest}");
+        let at = |i: i32, j: i32| density.ln_density(&[f64::from(i) * h, f64::from(j) * h]).exp();
+        let mass: f64 =
+            (-400..600).flat_map(|i| (-100..100).map(move |j| (i, j))).map(|(i, j)| at(i, j)).sum();
+        assert!((mass * h * h - 1.0).abs() < 1e-3, "{mass}");
+        assert!(density.ln_density(&[60.0, 0.0]).is_finite());
     }
 }
 
@@ -117,12 +101,4 @@ fn few_examples_are_shrunk_and_none_are_refused() {
     assert!(spread(400, 1.0) - spread(400, 4.0) < 0.02);
     assert!(ClassDensity::learn(&draw(1, Sizes::Even), &noise(), None, false).is_none());
     assert!(ClassDensity::learn(&[], &noise(), Some(&pooled), false).is_none());
-}
-
-#[test]
-fn distance_is_small_inside_and_large_outside() {
-    let density = learned(Sizes::Even);
-    assert!(density.square(&[1.3, 0.0]) < 1.0);
-    assert!(density.square(&[5.0, 0.0]) > 100.0);
-    assert!(density.ln_density(&[60.0, 0.0]).is_finite());
 }

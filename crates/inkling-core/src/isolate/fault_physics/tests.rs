@@ -39,7 +39,7 @@ fn healthy() -> (f64, Ring) {
 fn physics(guess: InkChannel, guess_sd: f64) -> FaultPhysics {
     let guess = ActuatedChannel { channel: guess, actuation: ACTUATION };
     let mut physics = FaultPhysics::new(guess, guess_sd, healthy().1, NOISE).unwrap();
-    physics.spread = [0.002, 0.002, 0.03, 0.04, 0.015];
+    physics.spread.changes = [0.002, 0.002, 0.03, 0.04, 0.015];
     physics
 }
 
@@ -104,6 +104,27 @@ fn rates_agree_with_the_measured_ring_whatever_the_guess() {
     assert!((found.frequency_hz / ring.frequency_hz - 1.0).abs() < 1e-4);
 }
 
+/// Signals of random channels that are labelled with what their sizes are called, `n` of each class.
+fn labelled(n: usize, called: fn(f64) -> f64, seed: u64) -> Vec<LabelledFault> {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    let mut signal = |i: usize| {
+        let class = CLASSES[i % CLASSES.len()];
+        let (severity, features) = faulty_features(class, &mut rng);
+        let none = faults::law(class).unwrap().none();
+        LabelledFault {
+            class: class.into(),
+            kind: class.into(),
+            severity: none + called(severity - none),
+            features,
+            drive: 1.0,
+            ring: [0.0; 2],
+            channel: (None, i as u32),
+            weight: 1.0,
+        }
+    };
+    (0..n * CLASSES.len()).map(&mut signal).collect()
+}
+
 #[test]
 fn labelled_severities_tell_the_rates_that_no_healthy_signal_tells() {
     let guess = InkChannel { a_per_s2: 6.6e10, d_per_s: 8.2e4, ..TRUE };
@@ -111,25 +132,8 @@ fn labelled_severities_tell_the_rates_that_no_healthy_signal_tells() {
     let ratio = |c: &InkChannel| (c.a_per_s2 / c.b_per_s2, c.g_per_s / c.d_per_s);
     let (truth, before) = (ratio(&TRUE), ratio(&physics.channel));
     assert!((before.0 / truth.0 - 1.0).abs() > 0.05, "the guess is off");
-    let mut rng = ChaCha8Rng::seed_from_u64(4);
-    let labelled: Vec<LabelledFault> = (0..180)
-        .map(|i| CLASSES[i % CLASSES.len()])
-        .map(|class| {
-            let (severity, features) = faulty_features(class, &mut rng);
-            let [class, kind] = [class.to_string(), class.to_string()];
-            LabelledFault {
-                class,
-                kind,
-                severity,
-                features,
-                drive: 1.0,
-                ring: [0.0; 2],
-                weight: 1.0,
-            }
-        })
-        .collect();
     let guess = ActuatedChannel { channel: guess, actuation: ACTUATION };
-    physics.learn_rates(guess, 0.1, &labelled, (DT_S, SAMPLES)).unwrap();
+    physics.learn_rates(guess, 0.1, &labelled(20, |s| s, 4), (DT_S, SAMPLES)).unwrap();
     let after = ratio(&physics.channel);
     assert!((after.0 / truth.0 - 1.0).abs() < 0.015, "{after:?} {truth:?}");
     assert!((after.1 / truth.1 - 1.0).abs() < 0.06, "{after:?} {truth:?}");
@@ -299,7 +303,9 @@ fn sizes_of_a_class_are_shares() {
 
 #[test]
 fn a_known_channel_is_sized_better_and_its_baseline_is_followed() {
-    let curves = physics(TRUE, 0.005).curves(&classes(), DT_S, SAMPLES).uncalibrated();
+    let mut physics = physics(TRUE, 0.005);
+    physics.learn_discrepancies(&labelled(40, |s| s, 11), (DT_S, SAMPLES)).unwrap();
+    let curves = physics.curves(&classes(), DT_S, SAMPLES);
     let own = curves.of_one_channel(&Matrix4::zeros(), 48.0).unwrap();
     // a channel whose nozzle is 6 % more viscous than the others
     let channel = InkChannel { d_per_s: 1.06 * TRUE.d_per_s, ..TRUE };

@@ -1,0 +1,211 @@
+//! How far the physics of one kind of fault lies off signals that were labelled with a size
+//! (Kennedy and O'Hagan, 2001): learned with its own uncertainty, instead of assumed.
+//!
+//! In: per channel the mean features of its labelled signals, less those of the fault curve. Out: a
+//! [`Discrepancy`], by which [`super::fault_curve`] moves and widens the curve:
+//!
+//! ```text
+//! features - curve(s) = rows(s) c + e,    c ~ N(0, 1),    e ~ N(0, channels' own changes + noise)
+//! ```
+//!
+//! c holds the errors of the rates and the pulse, and per feature [`TERMS`] Legendre polynomials of
+//! the size, in units of what a law may be wrong by. A Kalman update by each channel gives the mean
+//! and the covariance of c, and the evidence for it, against that for the law as it is believed. A
+//! law of which nothing is known (a user's own class) is learned by the same rows.
+
+use super::fault_simulator::{CHANGES, Changes, Point, Square};
+use super::tuned;
+use crate::model::faults::Law;
+use crate::numbers::{FEW, GUESSED_RATE};
+use nalgebra::{DMatrix, DVector, Matrix4, SMatrix, SymmetricEigen, Vector4};
+use serde::{Deserialize, Serialize};
+
+const TERMS: usize = 4;
+const UNKNOWNS: usize = CHANGES + 4 * TERMS;
+pub(super) type Rows = SMatrix<f64, 4, UNKNOWNS>;
+
+/// The mean of the labelled signals of one channel.
+#[derive(Clone, Debug)]
+pub(super) struct Shown {
+    /// Features less those of the curve.
+    pub off: Vector4<f64>,
+    pub rows: Rows,
+    /// Covariance of the features by errors of the rates as believed.
+    pub belief: Matrix4<f64>,
+    /// Covariance of the features by the channel's own changes and by noise.
+    pub scatter: Matrix4<f64>,
+}
+
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Discrepancy {
+    /// ln of how much likelier the labelled signals are if the law holds, with the rates as
+    /// uncertain as their covariance says; `None`: the law says nothing.
+    ln_odds: Option<f64>,
+    /// If it does not: mean of c, its covariance, and the covariance of what else the features of
+    /// labelled signals scatter by, column by column. Empty: nothing was learned.
+    mean: Vec<f64>,
+    covariance: Vec<f64>,
+    rest: Vec<f64>,
+}
+
+/// The same in a form to compute with.
+pub(super) struct Learned {
+    mean: DVector<f64>,
+    covariance: DMatrix<f64>,
+    rest: Matrix4<f64>,
+}
+
+impl Discrepancy {
+    pub fn unknown(law: &Law) -> Discrepancy {
+        let ln_odds = (!law.changes_nothing()).then_some(0.0);
+        Discrepancy { ln_odds, mean: Vec::new(), covariance: Vec::new(), rest: Vec::new() }
+    }
+
+    /// Probability that the law holds, at even odds; `None`: the law says nothing.
+    pub fn holds(&self) -> Option<f64> {
+        Some(1.0 / (1.0 + (-self.ln_odds?).exp()))
+    }
+
+    /// The same if it was `before` as probable.
+    pub fn given(&self, before: f64) -> Discrepancy {
+        let ln_odds = self.ln_odds.map(|odds| odds + (before / (1.0 - before)).ln());
+        Discrepancy { ln_odds, ..self.clone() }
+    }
+
+    pub(super) fn learn(law: &Law, channels: &[Shown]) -> Discrepancy {
+        let mut of = Learned::unknown();
+        let mut ln_odds = 0.0;
+        for _ in 0..ROUNDS {
+            (of, ln_odds) = Learned { rest: of.rest, ..Learned::unknown() }.taught(channels);
+            of.rest += of.further(channels);
+        }
+        let ln_odds = (!law.changes_nothing()).then_some(ln_odds);
+        let Learned { mean, covariance, rest } = of;
+        let [mean, covariance] = [mean.as_slice(), covariance.as_slice()].map(<[f64]>::to_vec);
+        Discrepancy { ln_odds, mean, covariance, rest: rest.as_slice().to_vec() }
+    }
+
+    pub(super) fn learned(&self) -> Learned {
+        match self.mean.len() == UNKNOWNS && self.covariance.len() == UNKNOWNS * UNKNOWNS {
+            true => Learned {
+                mean: DVector::from_column_slice(&self.mean),
+                covariance: DMatrix::from_column_slice(UNKNOWNS, UNKNOWNS, &self.covariance),
+                rest: Matrix4::from_iterator(self.rest.iter().copied().chain([0.0; 16])),
+            },
+            false => Learned::unknown(),
+        }
+    }
+}
+
+impl Learned {
+    fn unknown() -> Learned {
+        Learned {
+            mean: DVector::zeros(UNKNOWNS),
+            covariance: DMatrix::identity(UNKNOWNS, UNKNOWNS),
+            rest: Matrix4::zeros(),
+        }
+    }
+
+    /// One Kalman update per channel. Also returns ln of how much likelier the channels are if the
+    /// law holds.
+    fn taught(mut self, channels: &[Shown]) -> (Learned, f64) {
+        let mut ln_odds = 0.0;
+        for channel in channels {
+            let (across, expected, rest) = self.predict(channel);
+            let scatter = channel.scatter + self.rest;
+            ln_odds += ln_student(&channel.off, &(channel.belief + channel.scatter))
+                - ln_student(&rest, &(expected + scatter));
+
+            // a wrong label counts little
+            let Some(inverse) = (expected + scatter).try_inverse() else { continue };
+            let weight = weight(rest.dot(&(inverse * rest)));
+            let Some(inverse) = (expected + scatter / weight).try_inverse() else { continue };
+            let gain = &across * DMatrix::from_column_slice(4, 4, inverse.as_slice());
+            self.mean += &gain * DVector::from_column_slice(rest.as_slice());
+            self.covariance -= &gain * across.transpose();
+        }
+        (self, ln_odds)
+    }
+
+    /// Of a channel: covariance of c with its features, of what is believed of its features, and how
+    /// far its features lie off that.
+    fn predict(&self, channel: &Shown) -> (DMatrix<f64>, Matrix4<f64>, Vector4<f64>) {
+        let rows = DMatrix::from_column_slice(4, UNKNOWNS, channel.rows.as_slice());
+        let across = &self.covariance * rows.transpose();
+        let (expected, seen) = (&rows * &across, &rows * &self.mean);
+        let off = channel.off - Vector4::from_column_slice(seen.as_slice());
+        (across, Matrix4::from_column_slice(expected.as_slice()), off)
+    }
+
+    /// By how much more, in each principal direction of their scatter, the channels lie off what was
+    /// learned of them than they are expected to.
+    fn further(&self, channels: &[Shown]) -> Matrix4<f64> {
+        let n = channels.len().max(1) as f64;
+        let scatter = channels.iter().map(|of| of.scatter + self.rest).sum::<Matrix4<f64>>() / n;
+        let SymmetricEigen { eigenvectors, .. } = SymmetricEigen::new(scatter);
+        let along = |of: &Matrix4<f64>| (eigenvectors.transpose() * of * eigenvectors).diagonal();
+        let [mut found, mut expected] = [Vector4::repeat(FEW as f64); 2];
+        for channel in channels {
+            let (_, known, off) = self.predict(channel);
+            let scatter = along(&(channel.scatter + self.rest));
+            let squares = along(&(off * off.transpose())).component_div(&scatter);
+            found += squares * weight(squares.sum());
+            // what was learned of a channel it is not off by
+            expected +=
+                Vector4::repeat(1.0) - along(&known).component_div(&scatter).map(|v| v.min(1.0));
+        }
+        let more = found.component_div(&expected).map(|ratio| (ratio - 1.0).max(0.0));
+        let more = more.component_mul(&along(&scatter));
+        eigenvectors * Matrix4::from_diagonal(&more) * eigenvectors.transpose()
+    }
+
+    /// Mean and covariance of what is to be added to the features of the curve at a point.
+    pub fn at(&self, law: &Law, largest: f64, point: &Point) -> (Vector4<f64>, Matrix4<f64>) {
+        let rows = rows(law, largest, point);
+        let rows = DMatrix::from_column_slice(4, UNKNOWNS, rows.as_slice());
+        let (mean, covariance) = (&rows * &self.mean, &rows * &self.covariance * rows.transpose());
+        (
+            Vector4::from_column_slice(mean.as_slice()),
+            Matrix4::from_column_slice(covariance.as_slice()) + self.rest,
+        )
+    }
+}
+
+/// `largest`: the severity at which the curve ends.
+pub(super) fn rows(law: &Law, largest: f64, point: &Point) -> Rows {
+    let [none, most] = [law.none(), largest].map(|severity| law.scale(severity));
+    let t = 2.0 * (point.place - none) / (most - none) - 1.0;
+    let terms = [1.0, t, 1.5 * t * t - 0.5, (2.5 * t * t - 1.5) * t];
+    let guessed =
+        Changes::from([GUESSED_RATE, GUESSED_RATE, GUESSED_RATE, GUESSED_RATE, tuned::PULSE_SD]);
+    let mut rows = Rows::zeros();
+    let of_rates = point.belief_slope * Square::from_diagonal(&guessed);
+    rows.fixed_columns_mut::<CHANGES>(0).copy_from(&of_rates);
+    for j in 0..4 {
+        let of_law = match law.changes_nothing() {
+            true => tuned::OF_OWN[j],
+            false => tuned::OF_LAW[j].max((tuned::SHARE_OF_LAW * point.mean[j]).abs()),
+        };
+        // every term has the same share of the variance at the ends of the curve
+        for (k, term) in terms.iter().enumerate() {
+            rows[(j, CHANGES + j * TERMS + k)] = of_law * term / 2f64.sqrt();
+        }
+    }
+    rows
+}
+
+/// Degrees of freedom of Student's t, against wrong labels.
+const DEGREES: f64 = 3.0;
+const ROUNDS: usize = 4;
+
+/// Of a signal at the squared distance `square`.
+fn weight(square: f64) -> f64 {
+    ((DEGREES + 4.0) / (DEGREES + square)).min(1.0)
+}
+
+/// ln density of Student's t in four dimensions, up to a constant.
+fn ln_student(x: &Vector4<f64>, scale: &Matrix4<f64>) -> f64 {
+    let Some(cholesky) = scale.cholesky() else { return f64::NEG_INFINITY };
+    let square = x.dot(&cholesky.solve(x));
+    -0.5 * cholesky.determinant().ln() - 0.5 * (DEGREES + 4.0) * (square / DEGREES).ln_1p()
+}
