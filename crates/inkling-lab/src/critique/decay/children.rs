@@ -124,7 +124,7 @@ fn line_starts<'a>(parent: &Fit<'a>, line: Line) -> Vec<Fit<'a>> {
 }
 
 /// Fits a candidate from its parent's optimum on. Of several starts the likeliest after a few steps is
-/// followed, of those that nothing speaks against if there are any.
+/// followed, of those that nothing speaks against if there are any. `None`: the motion is lost in all of them.
 pub fn child<'a>(parent: &Fit<'a>, term: Term, noise: &Noise) -> Option<Fit<'a>> {
     let starts = starts(parent, term);
     let start = match &starts[..] {
@@ -138,11 +138,12 @@ pub fn child<'a>(parent: &Fit<'a>, term: Term, noise: &Noise) -> Option<Fit<'a>>
             judged.min_by(|(p, a), (q, b)| p.cmp(q).then(a.cost.total_cmp(&b.cost)))?.1
         }
     };
-    let best = start.descend(noise);
+    let best = Some(start.descend(noise)).filter(|fit| fit.cost.is_finite());
     // beside further modes, the phase of one is no longer in sight in the first swings
     if !term.moves_phase() || parent.lines() > 0 {
-        return Some(best);
+        return best;
     }
     let followed = start.follow(noise, first_swings(parent.p[OMEGA]));
-    Some(if followed.cost < best.cost { followed } else { best })
+    let is_better = followed.cost < best.as_ref().map_or(f64::INFINITY, |best| best.cost);
+    if is_better { Some(followed) } else { best }
 }

@@ -4,8 +4,9 @@
 //! minimum, never worse than the start.
 //!
 //! The cost is the sum of squares of the misfit as the noise sees it (`noise`), beside the best amplitudes of
-//! all that is linear (`elimination`). The descent is that of Levenberg and Marquardt. A term that moves the phase is fitted to a first stretch, then to ever longer ones (`follow`),
-//! because least squares over a whole decay does not find a phase again that is off by half a swing.
+//! all that is linear (`elimination`). The descent is that of Levenberg and Marquardt. A term that moves the
+//! phase is fitted to a first stretch, then to ever longer ones (`follow`), because least squares over a whole
+//! decay does not find a phase again that is off by half a swing.
 
 use super::decays::Decays;
 use super::elimination::{Basis, Reached, columns_of, normal, reached};

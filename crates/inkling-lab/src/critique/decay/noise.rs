@@ -7,6 +7,7 @@ use super::decays::Decays;
 use std::f64::consts::TAU;
 
 const MOST_ORDER: usize = 12;
+
 /// The noise of one output: linear predictors of order 0, 1 ... p, and the standard deviation of what each
 /// leaves. That of order m expects sum_j phi_j y_{k-1-j} of sample k, over j < m.
 #[derive(Clone, Debug)]

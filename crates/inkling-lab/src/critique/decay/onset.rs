@@ -1,10 +1,10 @@
 //! Where a decay begins to be free, after whatever started it.
 //!
 //! In: decays. Out: the number of samples before. Of two models, one oscillator that bends and rubs and a sum
-//! of modes, the one that foresees the later part better is fitted from ever earlier samples k on. What came before is no
-//! decay, and is taken for noise as large as it is: -2 ln likelihood is k ln(mean square of the first k) +
-//! (n - k) ln(mean square of the misfit from k on), summed over outputs. The least of these is the onset, if
-//! the share of the movement that is misfit from there on is far smaller than it is from the first sample on.
+//! of modes, the one that foresees the later part better is fitted from ever earlier samples k on. What came
+//! before is no decay, and is taken for noise as large as it is: -2 ln likelihood is k ln(mean square of the
+//! first k) + (n - k) ln(mean square of the misfit from k on), summed over outputs. The least of these is the
+//! onset, if the share of the movement that is misfit from there on is far smaller than from the first sample on.
 
 use super::children::{baseline, child};
 use super::decays::Decays;

@@ -181,8 +181,8 @@ impl<'a> System for &'a Decays {
     }
 
     /// All candidates that passed compete by BIC, but a line that something without a name makes as well: the
-    /// ring itself needs no further cause. (Side bands, which hold any line, are no such thing.) A rival that is no more than what strong causes leave, or
-    /// less than one detection limit, may not enter.
+    /// ring itself needs no further cause. (Side bands, which hold any line, are no such thing.) A rival that is
+    /// no more than what strong causes leave, or less than one detection limit, may not enter.
     fn round(
         &self,
         _: &Fit<'a>,
@@ -311,6 +311,9 @@ fn eliminate<'a>(now: &mut Fit<'a>, causes: &mut Vec<Chosen<Added<'a>>>) {
         let parents = side_by_side(cores(), (0..causes.len()).collect(), without);
         let mut weakest: Option<(usize, Fit, f64)> = None;
         for (i, (Chosen { candidate, .. }, parent)) in causes.iter_mut().zip(parents).enumerate() {
+            if !parent.cost.is_finite() {
+                continue; // without this cause the motion is lost
+            }
             candidate.statistic = (noise.seen(&parent.misfit(), samples) - left).max(0.0);
             let Candidate { statistic, degrees, tried, .. } = *candidate;
             let surprise = match objection(now, i + 1, &covariance) {
@@ -351,6 +354,9 @@ fn exchange<'a>(now: &mut Fit<'a>, causes: &mut Vec<Chosen<Added<'a>>>) {
         let Some(index) = now.terms.iter().position(|term| *term == rival) else { continue };
 
         let left = now.without(|i| i == index).descend(&noise);
+        if !left.cost.is_finite() {
+            continue;
+        }
         let possible =
             |fit: &Fit| objection(fit, left.terms.len(), &fit.covariance(&noise)).is_none();
         let named = Term::NAMED.into_iter().filter(|term| term.may_join(&left.terms));
