@@ -14,6 +14,7 @@
 //! law of which nothing is known (a user's own class) is learned by the same rows.
 
 use super::fault_simulator::{CHANGES, Changes, Point, Square};
+use super::posterior::sum_of;
 use super::tuned;
 use crate::model::faults::Law;
 use crate::numbers::{FEW, GUESSED_RATE};
@@ -113,12 +114,12 @@ impl Learned {
         for channel in channels {
             let (across, expected, rest) = self.predict(channel);
             let scatter = channel.scatter + self.rest;
-            ln_odds += ln_student(&channel.off, &(channel.belief + channel.scatter))
-                - ln_student(&rest, &(expected + scatter));
+            ln_odds += label(&channel.off, &(channel.belief + channel.scatter)).ln_density;
+            let label = label(&rest, &(expected + scatter));
+            ln_odds -= label.ln_density;
 
-            // a wrong label counts little
-            let Some(inverse) = (expected + scatter).try_inverse() else { continue };
-            let weight = weight(rest.dot(&(inverse * rest)));
+            // a label that is surely wrong teaches nothing
+            let weight = label.is_right.max(1e-9);
             let Some(inverse) = (expected + scatter / weight).try_inverse() else { continue };
             let gain = &across * DMatrix::from_column_slice(4, 4, inverse.as_slice());
             self.mean += &gain * DVector::from_column_slice(rest.as_slice());
@@ -147,12 +148,12 @@ impl Learned {
         let [mut found, mut expected] = [Vector4::repeat(FEW as f64); 2];
         for channel in channels {
             let (_, known, off) = self.predict(channel);
+            let is_right = label(&off, &(known + channel.scatter + self.rest)).is_right;
             let scatter = along(&(channel.scatter + self.rest));
-            let squares = along(&(off * off.transpose())).component_div(&scatter);
-            found += squares * weight(squares.sum());
+            found += along(&(off * off.transpose())).component_div(&scatter) * is_right;
             // what was learned of a channel it is not off by
-            expected +=
-                Vector4::repeat(1.0) - along(&known).component_div(&scatter).map(|v| v.min(1.0));
+            let learned = along(&known).component_div(&scatter).map(|v| v.min(1.0));
+            expected += (Vector4::repeat(1.0) - learned) * is_right;
         }
         let more = found.component_div(&expected).map(|ratio| (ratio - 1.0).max(0.0));
         let more = more.component_mul(&along(&scatter));
@@ -194,18 +195,25 @@ pub(super) fn rows(law: &Law, largest: f64, point: &Point) -> Rows {
     rows
 }
 
-/// Degrees of freedom of Student's t, against wrong labels.
-const DEGREES: f64 = 3.0;
 const ROUNDS: usize = 4;
 
-/// Of a signal at the squared distance `square`.
-fn weight(square: f64) -> f64 {
-    ((DEGREES + 4.0) / (DEGREES + square)).min(1.0)
+struct Label {
+    is_right: f64,
+    ln_density: f64,
 }
 
-/// ln density of Student's t in four dimensions, up to a constant.
-fn ln_student(x: &Vector4<f64>, scale: &Matrix4<f64>) -> f64 {
-    let Some(cholesky) = scale.cholesky() else { return f64::NEG_INFINITY };
-    let square = x.dot(&cholesky.solve(x));
-    -0.5 * cholesky.determinant().ln() - 0.5 * (DEGREES + 4.0) * (square / DEGREES).ln_1p()
+/// Of a channel's labels beside what is expected of its features, if few are wrong: those of a wrong label may be
+/// anywhere. `off`: the features less their expectation; `scatter`: their covariance.
+fn label(off: &Vector4<f64>, scatter: &Matrix4<f64>) -> Label {
+    let anywhere = scatter + Matrix4::from_diagonal(&Vector4::from(tuned::OF_OWN).map(|sd| sd * sd));
+    let right = (1.0 - tuned::WRONG_LABELS).ln() + ln_gaussian(off, scatter);
+    let wrong = tuned::WRONG_LABELS.ln() + ln_gaussian(off, &anywhere);
+    let ln_density = sum_of(right, wrong);
+    Label { is_right: (right - ln_density).exp(), ln_density }
+}
+
+/// Up to a constant.
+fn ln_gaussian(x: &Vector4<f64>, covariance: &Matrix4<f64>) -> f64 {
+    let Some(cholesky) = covariance.cholesky() else { return f64::NEG_INFINITY };
+    -0.5 * (cholesky.determinant().ln() + x.dot(&cholesky.solve(x)))
 }

@@ -24,6 +24,9 @@ pub const SHARE_OF_LAW: f64 = 0.1;
 /// Prior standard deviation, by feature, of where a class lies of which no law is known.
 pub const OF_OWN: [f64; 4] = [0.4, 0.5, 0.25, 1.0];
 
+/// A priori share of labels whose class or size is wrong.
+pub const WRONG_LABELS: f64 = 0.02;
+
 /// Number of examples from which on the ends of a range are estimated: a further one lies between
 /// the least and the greatest of n with probability (n - 1) / (n + 1), which is to be .95.
 pub const TELL_ENDS: usize = 39;
