@@ -81,13 +81,16 @@ fn own_names_that_are_declared_keep_sizes_labelled_or_not_and_misspelt_ones_are_
         // a bubble's length and its compliance have no common unit
         assert!(score["severity"]["Luft"].is_null(), "{}", score["severity"]);
     }
-    // known to nobody: named all the same, never sized
+    // known to nobody: named by labelled signals alone, and sized where these lie on one curve
     let new = "--new-class Verstopfung --new-class Luft";
     let score = judged(&house, &format!("sim/train.mcap --labels own.csv {new}"));
     for own in ["Verstopfung", "Luft"] {
-        assert!(right(&score, own) >= 0.8, "{own}: {}", score["isolation"]); // by labelled signals alone
+        assert!(right(&score, own) >= 0.8, "{own}: {}", score["isolation"]);
     }
-    assert!(score["severity"]["Verstopfung"].is_null(), "{}", score["severity"]);
+    let size = &score["severity"]["Verstopfung"];
+    assert!(size["r2"].as_f64().unwrap() >= 0.99, "{size}");
+    assert!(size["coverage95"].as_f64().unwrap() >= 0.9, "{size}");
+    assert!(score["severity"]["Luft"].is_null(), "{}", score["severity"]);
 }
 
 /// A class by a law of one's own, and what is no class.

@@ -21,7 +21,7 @@ use crate::numbers::{FEW, GUESSED_RATE};
 use nalgebra::{DMatrix, DVector, Matrix4, SMatrix, SymmetricEigen, Vector4};
 use serde::{Deserialize, Serialize};
 
-const TERMS: usize = 4;
+const TERMS: usize = 6;
 const UNKNOWNS: usize = CHANGES + 4 * TERMS;
 pub(super) type Rows = SMatrix<f64, 4, UNKNOWNS>;
 
@@ -73,17 +73,22 @@ impl Discrepancy {
         Discrepancy { ln_odds, ..self.clone() }
     }
 
-    pub(super) fn learn(law: &Law, channels: &[Shown]) -> Discrepancy {
+    /// `None`: the law says nothing, and many labels lie on no curve that the others lie on.
+    pub(super) fn learn(law: &Law, channels: &[Shown]) -> Option<Discrepancy> {
         let mut of = Learned::unknown();
         let mut ln_odds = 0.0;
         for _ in 0..ROUNDS {
             (of, ln_odds) = Learned { rest: of.rest, ..Learned::unknown() }.taught(channels);
             of.rest += of.further(channels);
         }
-        let ln_odds = (!law.changes_nothing()).then_some(ln_odds);
+        let says_something = !law.changes_nothing();
+        if !says_something && of.wrong_share(channels) > tuned::MOST_WRONG_LABELS {
+            return None;
+        }
         let Learned { mean, covariance, rest } = of;
         let [mean, covariance] = [mean.as_slice(), covariance.as_slice()].map(<[f64]>::to_vec);
-        Discrepancy { ln_odds, mean, covariance, rest: rest.as_slice().to_vec() }
+        let ln_odds = says_something.then_some(ln_odds);
+        Some(Discrepancy { ln_odds, mean, covariance, rest: rest.as_slice().to_vec() })
     }
 
     pub(super) fn learned(&self) -> Learned {
@@ -138,6 +143,15 @@ impl Learned {
         (across, Matrix4::from_column_slice(expected.as_slice()), off)
     }
 
+    /// The share of the channels whose labels are wrong.
+    fn wrong_share(&self, channels: &[Shown]) -> f64 {
+        let is_right = |channel: &Shown| {
+            let (_, known, off) = self.predict(channel);
+            label(&off, &(known + channel.scatter + self.rest)).is_right
+        };
+        1.0 - channels.iter().map(is_right).sum::<f64>() / channels.len().max(1) as f64
+    }
+
     /// By how much more, in each principal direction of their scatter, the channels lie off what was
     /// learned of them than they are expected to.
     fn further(&self, channels: &[Shown]) -> Matrix4<f64> {
@@ -176,7 +190,7 @@ impl Learned {
 pub(super) fn rows(law: &Law, largest: f64, point: &Point) -> Rows {
     let [none, most] = [law.none(), largest].map(|severity| law.scale(severity));
     let t = 2.0 * (point.place - none) / (most - none) - 1.0;
-    let terms = [1.0, t, 1.5 * t * t - 0.5, (2.5 * t * t - 1.5) * t];
+    let terms = legendre(t);
     let guessed =
         Changes::from([GUESSED_RATE, GUESSED_RATE, GUESSED_RATE, GUESSED_RATE, tuned::PULSE_SD]);
     let mut rows = Rows::zeros();
@@ -187,12 +201,24 @@ pub(super) fn rows(law: &Law, largest: f64, point: &Point) -> Rows {
             true => tuned::OF_OWN[j],
             false => tuned::OF_LAW[j].max((tuned::SHARE_OF_LAW * point.mean[j]).abs()),
         };
-        // every term has the same share of the variance at the ends of the curve
+        // the mean variance along the curve is that of the law; at its ends every term has the same share
+        let squares: f64 = (0..TERMS).map(|k| 1.0 / (2 * k + 1) as f64).sum();
         for (k, term) in terms.iter().enumerate() {
-            rows[(j, CHANGES + j * TERMS + k)] = of_law * term / 2f64.sqrt();
+            rows[(j, CHANGES + j * TERMS + k)] = of_law * term / squares.sqrt();
         }
     }
     rows
+}
+
+/// Polynomials P_0 to P_{TERMS-1}, by (k + 1) P_{k+1} = (2 k + 1) t P_k - k P_{k-1}.
+fn legendre(t: f64) -> [f64; TERMS] {
+    let mut terms = [1.0; TERMS];
+    terms[1] = t;
+    for k in 1..TERMS - 1 {
+        let n = k as f64;
+        terms[k + 1] = ((2.0 * n + 1.0) * t * terms[k] - n * terms[k - 1]) / (n + 1.0);
+    }
+    terms
 }
 
 const ROUNDS: usize = 4;
@@ -205,7 +231,8 @@ struct Label {
 /// Of a channel's labels beside what is expected of its features, if few are wrong: those of a wrong label may be
 /// anywhere. `off`: the features less their expectation; `scatter`: their covariance.
 fn label(off: &Vector4<f64>, scatter: &Matrix4<f64>) -> Label {
-    let anywhere = scatter + Matrix4::from_diagonal(&Vector4::from(tuned::OF_OWN).map(|sd| sd * sd));
+    let anywhere =
+        scatter + Matrix4::from_diagonal(&Vector4::from(tuned::OF_OWN).map(|sd| sd * sd));
     let right = (1.0 - tuned::WRONG_LABELS).ln() + ln_gaussian(off, scatter);
     let wrong = tuned::WRONG_LABELS.ln() + ln_gaussian(off, &anywhere);
     let ln_density = sum_of(right, wrong);

@@ -165,7 +165,8 @@ impl FaultPhysics {
         Some(())
     }
 
-    /// Learns how far the laws lie off labelled signals with a severity. `None`: nothing rings.
+    /// Learns how far the laws lie off labelled signals with a severity; sizes of a user's own class that lie on
+    /// no curve are forgotten. `None`: nothing rings.
     pub fn learn_discrepancies(
         &mut self,
         labelled: &[LabelledFault],
@@ -190,7 +191,13 @@ impl FaultPhysics {
             let shown = channels.values().map(|looks| self.shown(law, largest, looks));
             (name.to_string(), Discrepancy::learn(law, &shown.collect::<Vec<_>>()))
         };
-        self.learned = kinds.into_iter().map(learn).collect();
+        let learned: Vec<(String, Option<Discrepancy>)> = kinds.into_iter().map(learn).collect();
+        for (name, of) in learned {
+            match of {
+                Some(of) => drop(self.learned.insert(name, of)),
+                None => self.laws.forget(&name),
+            }
+        }
         Some(())
     }
 

@@ -111,6 +111,10 @@ impl Catalogue {
         self.own.insert(class.into(), law);
     }
 
+    pub fn forget(&mut self, own_class: &str) {
+        self.own.remove(own_class);
+    }
+
     pub fn own_classes(&self) -> impl Iterator<Item = &str> {
         self.own.iter().filter(|(_, law)| law.weight == 0.0).map(|(name, _)| name.as_str())
     }
