@@ -272,20 +272,21 @@ impl Head {
     }
 }
 
-/// What a flagged row says: a category where that is certain; the severity of the best class; and the distance
-/// from healthy, in distances of the threshold, which is the root of statistic / threshold, as a statistic is
-/// the square of a distance.
+/// What a flagged row says: a category where that is certain, and then the severity; and the distance from
+/// healthy, in distances of the threshold, which is the root of statistic / threshold, as a statistic is the
+/// square of a distance.
 fn said<'a>(c: &VerdictColumns, row: usize, names: Names<'a>) -> Flagged<'a> {
     let class = c.candidate[row].and_then(|k| names.classes.get(usize::from(k)));
     let size = |(class, severity): (&'a String, f32)| Size {
         quantity: fault::quantity(class),
         size: severity.into(),
     };
+    let is_named = c.outcome[row] == Outcome::Faulty;
     let category = c.category[row].and_then(|k| names.categories.get(usize::from(k)));
     let over = c.statistic[row].zip(c.threshold[row]).map(|(s, t)| f64::from(s / t).sqrt());
     Flagged {
-        category: category.filter(|_| c.outcome[row] == Outcome::Faulty).map(String::as_str),
-        size: class.zip(c.severity[row]).map(size),
+        category: category.filter(|_| is_named).map(String::as_str),
+        size: class.zip(c.severity[row]).filter(|_| is_named).map(size),
         distance: over.filter(|_| c.reason[row] != Some(Reason::NoRing)),
     }
 }

@@ -91,7 +91,8 @@ impl EpisodeDraft {
             all.for_each(|(votes, weight)| *votes += f64::from(*weight));
         }
 
-        if let (Some(class), Some(size)) = (named.candidate, named.severity)
+        // an episode's size is that of signals that carry a name
+        if let (Some(class), Some(size), None) = (named.candidate, named.severity, named.reason)
             && size.is_finite()
         {
             let Some(&quantity) = rules.quantities.get(usize::from(class)) else { return };
