@@ -65,9 +65,10 @@ pub const OTHER_LOSS: f64 = 2.5;
 /// at most (`../shared/reviews/structures`).
 pub const FORESEEN: f64 = 0.3;
 
-/// A decay was driven at first if the square of the misfit from its onset on is less than this share of that
-/// from its first sample on: .01 to .17 in swings that were let go after the record began (`../shared/measured`).
-pub const DRIVEN: f64 = 0.2;
+/// A decay was driven at first if the square of the misfit's share of the movement from its onset on is less than
+/// this much of that from its first sample on: .02 and .22 in swings that were let go after the record began, .56
+/// at least in records of which no sample is the first free one (`../shared/measured`).
+pub const DRIVEN: f64 = 0.33;
 
 // signals that ring unlike the others
 

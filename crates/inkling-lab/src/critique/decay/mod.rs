@@ -137,7 +137,7 @@ pub fn critique(data: &Observations) -> Result<Outcome, CritiqueError> {
     let (misfit, gain) = gain::measure(&selected);
     let structure = structure::of(&selected, onset);
     let mut left = left(&selected, !causes.is_empty());
-    let verdict = match structure.forecast.fails() {
+    let verdict = match structure.forecast.fails(selected.noise.predictable()) {
         true => {
             causes.clear();
             remarks.clear();

@@ -12,7 +12,7 @@ use super::plant::{OMEGA, Plant, SIGMA};
 use super::selection::Selected;
 use super::terms::{Line, Term};
 use crate::critique::finding::{Forecast, Mode, Structure};
-use crate::critique::tuned::FORESEEN;
+use crate::critique::tuned::{FORESEEN, MOSTLY};
 use inkling_core::side_by_side::{cores, side_by_side};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -26,9 +26,12 @@ const PARTS: usize = 30;
 const KNOWN: f64 = 0.6;
 
 impl Forecast {
-    /// Whether the record is no free decay of so few modes: foreseen badly, where it could be foreseen.
-    pub fn fails(&self) -> bool {
-        self.record_percent > 100.0 * FORESEEN && self.control_percent < 0.5 * self.record_percent
+    /// Whether the record is no free decay of so few modes: foreseen badly, where it could be foreseen. Where most
+    /// of the misfit follows from the samples before (`predictable`: its share), it is the model's own error, and
+    /// the control, which takes all of it for noise, says nothing.
+    pub fn fails(&self, predictable: f64) -> bool {
+        let could_be = self.control_percent < 0.5 * self.record_percent || predictable > MOSTLY;
+        self.record_percent > 100.0 * FORESEEN && could_be
     }
 }
 
