@@ -7,7 +7,7 @@
 //! The steps are those of [`learn`]: labels and their states are checked; the signals of all
 //! recordings are collected by printhead and label; healthy signals that are no ring-downs are
 //! refused; `Design::train` learns the design; each labelled class is reviewed, and a class that
-//! would never be named is refused. [`learn`] also serves programs that train on bursts in memory
+//! would hardly be named is refused. [`learn`] also serves programs that train on bursts in memory
 //! (`called`).
 
 use super::collected::{Collected, RecordingSource, collected};
@@ -121,7 +121,7 @@ pub struct TrainedDesign {
 ///
 /// # Errors
 /// A usage failure if the labels or the settings are wrong, if too few signals are
-/// healthy, or if a class would never be named; else a failure.
+/// healthy, or if a class would hardly be named; else a failure.
 pub fn learn(lesson: TrainingInput) -> Result<TrainedDesign, Failure> {
     let TrainingInput { recordings, labels: written, new_class, settings } = lesson;
 
@@ -149,7 +149,7 @@ pub fn learn(lesson: TrainingInput) -> Result<TrainedDesign, Failure> {
             .map_err(|e| not_trained(&e, written.name()))?;
     design.chosen = settings.kept_by_design();
 
-    // 3. review each labelled class; a class that would never be named is refused, as its faults
+    // 3. review each labelled class; a class that would hardly be named is refused, as its faults
     // would not be told
     let reviews = design.review_classes(&set, grey_box, &settings.isolate).map_err(Failure::new)?;
     refuse_never_named(&reviews, written.name())?;
@@ -241,7 +241,7 @@ fn not_trained(e: &DesignError, labels: &Path) -> Failure {
 fn refuse_never_named(reviews: &[ClassReview], labels: &Path) -> Result<(), Failure> {
     let why = |class: &ClassReview| {
         let name = printable(&class.name);
-        class.why_never_named().map(|why| format!("class {name} would never be named: {why}"))
+        class.why_hardly_named().map(|why| format!("class {name} would hardly be named: {why}"))
     };
     let all: Vec<String> = reviews.iter().filter_map(why).collect();
     if all.is_empty() {

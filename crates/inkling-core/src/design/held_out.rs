@@ -4,7 +4,7 @@
 //! In, from `inkling train`: a design and the signals that it was trained on. Out: a
 //! [`ClassReview`] per labelled class: how many of its signals are flagged, how many are named, and
 //! what the others would be called instead. `train` prints it, and refuses a design with a class
-//! that can never be named.
+//! that would hardly be named.
 //!
 //! The cross-validation has two folds, divided by channel. For each, classes, posterior and bounds
 //! are learned again from the other. Healthy models, filter and physics stay those of all signals.
@@ -94,12 +94,13 @@ fn most<'a>(counts: &'a BTreeMap<String, usize>, but: &str) -> Option<(&'a str, 
 }
 
 impl ClassReview {
-    /// Why no signal of the class can ever be named; `None`: some can, or few signals tell. Only
-    /// labels know the class, and not even a signal that it was learned from gets its name.
-    pub fn why_never_named(&self) -> Option<String> {
+    /// Why hardly a signal of the class would be named; `None`: some would, or few signals tell. Only labels
+    /// know the class, and not even of the signals that it was learned from one in twenty gets its name.
+    pub fn why_hardly_named(&self) -> Option<String> {
         let Judged { signals, detected, no_ring, ref most_like, .. } = self.trained_on;
-        let is_never = !self.is_known && signals >= FEW && self.trained_on.named(&self.name) == 0;
-        if !is_never {
+        let named = self.trained_on.named(&self.name);
+        let is_hardly = !self.is_known && signals >= FEW && 20 * named <= signals;
+        if !is_hardly {
             return None;
         }
         Some(if detected == 0 {
