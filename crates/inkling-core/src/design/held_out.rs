@@ -95,11 +95,11 @@ fn most<'a>(counts: &'a BTreeMap<String, usize>, but: &str) -> Option<(&'a str, 
 
 impl ClassReview {
     /// Why hardly a signal of the class would be named; `None`: some would, or few signals tell. Only labels
-    /// know the class, and not even of the signals that it was learned from one in twenty gets its name.
+    /// know the class, and not even of the signals that it was learned from one in ten gets its name.
     pub fn why_hardly_named(&self) -> Option<String> {
         let Judged { signals, detected, no_ring, ref most_like, .. } = self.trained_on;
         let named = self.trained_on.named(&self.name);
-        let is_hardly = !self.is_known && signals >= FEW && 20 * named <= signals;
+        let is_hardly = !self.is_known && signals >= FEW && 10 * named <= signals;
         if !is_hardly {
             return None;
         }
