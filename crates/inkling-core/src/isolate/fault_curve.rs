@@ -243,7 +243,6 @@ impl Node {
     }
 }
 
-#[cfg(test)]
 impl Node {
     /// Of the features: of all scatter but the noise, and of the noise at the reference drive.
     pub fn variances(&self) -> [Vector4<f64>; 2] {
@@ -251,7 +250,10 @@ impl Node {
         let along = |u: &Vector4<f64>| back * Matrix4::from_diagonal(u) * back.transpose();
         [along(&self.spread).diagonal(), along(&Vector4::repeat(1.0)).diagonal()]
     }
+}
 
+#[cfg(test)]
+impl Node {
     /// Features in the node's axes, as distances from its mean under these conditions.
     fn along_axes(&self, x: &Vector4<f64>, conditions: Conditions) -> Vector4<f64> {
         let changed = self.by_change * conditions.changed;

@@ -1,12 +1,13 @@
-//! The nodes of a fault curve as a structure of arrays, so that a signal is compared with several
-//! nodes at once.
+//! The nodes of a fault curve as a structure of arrays with bounding boxes, so that a signal is
+//! compared with several nodes at once, and only with those near it.
 //!
 //! In: once the nodes of a curve; then a signal's features and conditions. Out: the densities at all
 //! nodes that are not negligible (`Node::ln_density` in the tests), up to a factor. The steps:
 //!
-//! 1. Nodes are stored in blocks of [`NODES`].
-//! 2. For each: the squared Mahalanobis distance and the height of the peak (`Block::compare`). In a
-//!    node's axes the covariance is diagonal at any drive.
+//! 1. Nodes are stored in blocks of [`NODES`], each with its bounding box in the features. A block
+//!    is left out where the features lie far outside of its box in one coordinate (`near`).
+//! 2. For the other nodes: the squared Mahalanobis distance and the height of the peak
+//!    (`Block::compare`). In a node's axes the covariance is diagonal at any drive.
 //! 3. Exponentials relative to the nearest node (`densities`), so that nothing underflows.
 //!
 //! Differences of features are taken in f64, all else in f32, of which a register holds twice as
@@ -20,11 +21,36 @@ use std::f32::consts::{PI, TAU};
 /// Number of nodes in a block.
 pub const NODES: usize = 16;
 pub type OfNodes<T = f32> = [T; NODES];
+/// Number of boxes that are tested together.
+const BOXES: usize = 16;
+type OfBoxes = [f32; BOXES];
+/// Squared distance in one coordinate, in variances, beyond which a density is e^-30 of its peak.
+const FAR: f32 = 60.0;
+/// Number of coordinates of the boxes: all features but the phase, which is periodic.
+const COORDINATES: usize = 3;
+
 #[derive(Clone, Debug)]
 pub struct NodeColumns {
     pub nodes: Vec<Node>,
+    boxes: Vec<Boxes>,
     blocks: Vec<Block>,
     ln_determinant: f64,
+}
+
+/// Bounding boxes of [`BOXES`] blocks; beyond the last block they are empty.
+type Boxes = [Bounds; COORDINATES];
+
+/// The smallest and the largest mean of each block's nodes in one coordinate.
+#[derive(Clone, Copy, Debug)]
+struct Bounds {
+    low: OfBoxes,
+    high: OfBoxes,
+    /// Largest variances: of all scatter but the noise, and of the noise at the reference drive.
+    beyond: OfBoxes,
+    noise: OfBoxes,
+    /// Derivatives of the mean of the block's first node, which stand for those of all its nodes.
+    by_change: [OfBoxes; 2],
+    by_baseline: [OfBoxes; 4],
 }
 
 /// [`NODES`] nodes, field by field ([`Node`]), the last filled up with copies of density 0.
@@ -64,10 +90,12 @@ pub struct NodeDensities {
 
 impl NodeColumns {
     pub fn of(nodes: Vec<Node>) -> NodeColumns {
+        let blocks: Vec<&[Node]> = nodes.chunks(NODES).collect();
         let ln_determinants = nodes.iter().map(|node| node.ln_determinant);
         let ln_determinant = ln_determinants.fold(f64::NEG_INFINITY, f64::max);
         NodeColumns {
-            blocks: nodes.chunks(NODES).map(|nodes| Block::of(nodes, ln_determinant)).collect(),
+            boxes: blocks.chunks(BOXES).map(boxes).collect(),
+            blocks: blocks.into_iter().map(|nodes| Block::of(nodes, ln_determinant)).collect(),
             ln_determinant,
             nodes,
         }
@@ -82,6 +110,65 @@ impl NodeColumns {
     pub fn severities(&self, block: usize) -> &OfNodes<f64> {
         &self.blocks[block].severity
     }
+}
+
+fn boxes(blocks: &[&[Node]]) -> Boxes {
+    let variances: Vec<Vec<[Vector4<f64>; 2]>> =
+        blocks.iter().map(|nodes| nodes.iter().map(Node::variances).collect()).collect();
+    std::array::from_fn(|k| {
+        let of_boxes = |none: f32, of: &dyn Fn(usize) -> f64| -> OfBoxes {
+            std::array::from_fn(|b| if b < blocks.len() { of(b) as f32 } else { none })
+        };
+        let means = |b: usize| blocks[b].iter().map(move |node: &Node| node.mean[k]);
+        let largest =
+            |b: usize, of: usize| variances[b].iter().map(|v| v[of][k]).fold(0.0, f64::max);
+        Bounds {
+            low: of_boxes(f32::INFINITY, &|b| means(b).fold(f64::INFINITY, f64::min)),
+            high: of_boxes(f32::NEG_INFINITY, &|b| means(b).fold(f64::NEG_INFINITY, f64::max)),
+            beyond: of_boxes(0.0, &|b| largest(b, 0)),
+            noise: of_boxes(0.0, &|b| largest(b, 1)),
+            by_change: std::array::from_fn(|j| of_boxes(0.0, &|b| blocks[b][0].by_change[(k, j)])),
+            by_baseline: std::array::from_fn(|j| {
+                of_boxes(0.0, &|b| blocks[b][0].by_baseline[(k, j)])
+            }),
+        }
+    })
+}
+
+/// Which boxes may hold a node that is not negligible, as one bit each. `OWN`: whether the curve
+/// moves with a channel's baseline.
+#[inline(always)] // compiled once per instruction set
+fn near<const OWN: bool>(boxes: &Boxes, query: Query) -> u32 {
+    let Query { changed, own, noise, .. } = query;
+    let mut inside: [u32; BOXES] = std::array::from_fn(|b| 1 << b);
+    for (bounds, x) in boxes.iter().zip(query.x) {
+        let (x, [first, second]) = (x as f32, &bounds.by_change);
+        for b in 0..BOXES {
+            // instead of the nodes the signal is moved, the other way
+            let mut at = x - first[b] * changed[0] - second[b] * changed[1];
+            if OWN {
+                for (by_baseline, own) in bounds.by_baseline.iter().zip(own) {
+                    at -= by_baseline[b] * own;
+                }
+            }
+            let (below, above) = (bounds.low[b] - at, at - bounds.high[b]);
+            let most = if below > above { below } else { above };
+            let outside = if most > 0.0 { most } else { 0.0 };
+            // within sqrt(FAR) standard deviations, a little more for rounding
+            let reach = 1.001 * FAR * (bounds.beyond[b] + noise * bounds.noise[b]);
+            inside[b] = if outside * outside <= reach { inside[b] } else { 0 };
+        }
+    }
+    inside.iter().fold(0, |all, bit| all | bit)
+}
+
+#[inline(always)] // compiled once per instruction set
+fn each_of(mut bits: u32) -> impl Iterator<Item = usize> {
+    std::iter::from_fn(move || {
+        let place = (bits != 0).then_some(bits.trailing_zeros() as usize);
+        bits &= bits.wrapping_sub(1);
+        place
+    })
 }
 
 impl Block {
@@ -145,13 +232,15 @@ pub(super) fn compare(
 fn compare_at<const OWN: bool>(of: &NodeColumns, query: Query, out: &mut Vec<ComparedBlock>) {
     out.clear();
     let mut nearest = f32::INFINITY;
-    for (number, block) in of.blocks.iter().enumerate() {
-        let (square, height) = block.compare::<OWN>(query);
-        let least = least(&square);
-        // negligible beside the nearest node so far; a NaN is, too
-        if least <= nearest + 2.0 * NEGLIGIBLE {
-            nearest = if least < nearest { least } else { nearest };
-            out.push(ComparedBlock { block: number, square, height, least });
+    for (boxes, (part, blocks)) in of.boxes.iter().zip(of.blocks.chunks(BOXES).enumerate()) {
+        for b in each_of(near::<OWN>(boxes, query)) {
+            let (square, height) = blocks[b].compare::<OWN>(query);
+            let least = least(&square);
+            // negligible beside the nearest node so far; a NaN is, too
+            if least <= nearest + 2.0 * NEGLIGIBLE {
+                nearest = if least < nearest { least } else { nearest };
+                out.push(ComparedBlock { block: part * BOXES + b, square, height, least });
+            }
         }
     }
 }
