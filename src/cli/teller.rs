@@ -13,16 +13,16 @@ use super::notes::Notes;
 use super::output;
 use super::progress::{Progress, first_few, is_called};
 use super::report::printable_path;
+use super::report_page::{ACCOUNT_NAME, write_json};
 use super::results::{self, ReadReport};
 use crate::report::print as print_report;
 use inkling_io::file_error::FileError;
-use inkling_io::inputs::Input;
 use inkling_io::job::Job;
 use inkling_io::journal::{CountedMessage, Entry, Outcome};
 use inkling_io::{annotation_writer, printable, stored};
 use serde_json::{Value, json};
 use std::io::Write;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// Most complaints told one by one; lost names and annotations are extra.
 const MOST_FAILURES: usize = 10;
@@ -38,6 +38,8 @@ pub struct Teller<'a> {
     pub annotate: bool,
     /// Whether the run has a single recording, whose own report is then enough.
     pub is_alone: bool,
+    /// Whether to tell what all recordings of the directory of results come to.
+    pub tells_all: bool,
     /// Number of calls of `complain` so far.
     pub failures: usize,
 }
@@ -174,9 +176,10 @@ impl Teller<'_> {
             unless_reader_gone(output::event(&event))?;
         } else if !self.is_alone || skipped {
             unless_reader_gone(self.account.print(&mut output::report()))?;
-            if stopped.is_none() && !output::is_quiet() {
-                self.list_faults(run)?;
-            }
+        }
+        if stopped.is_none() && self.tells_all {
+            let is_listed = !self.json && !output::is_quiet() && (!self.is_alone || skipped);
+            self.tell_all(run, is_listed)?;
         }
 
         match stopped {
@@ -192,26 +195,25 @@ impl Teller<'_> {
         }
     }
 
-    /// Prints the cleaning list over all recordings of the run, if at least two of them have verdicts.
-    fn list_faults(&self, run: &Run) -> Result<(), Failure> {
-        let verdicts = self.account.rows.iter().filter_map(|row| row.verdicts.as_ref());
-        let inputs: Vec<Input> = verdicts
-            .map(|name| Input { path: self.out.join(name), below: PathBuf::new() })
-            .filter(|input| stored::is_file(&input.path))
-            .collect();
-        if inputs.len() < 2 {
-            return Ok(());
-        }
+    /// Writes the account of all recordings of the directory of results, and prints their cleaning list if there
+    /// are at least two.
+    fn tell_all(&self, run: &Run, lists: bool) -> Result<(), Failure> {
+        let account = self.out.join(ACCOUNT_NAME);
+        let Ok(inputs) = results::find(&[self.out.to_string_lossy().into()], "an account") else {
+            return Ok(()); // nothing was ever judged
+        };
         let settings = &run.replay.settings.report;
         match results::read(&inputs, settings, false, self.progress, run.control) {
             Ok(ReadReport { report, .. }) => {
-                unless_reader_gone(print_report(&report, printable::line, &mut output::report()))
+                write_json(&account, &report.account())?;
+                if lists && inputs.len() >= 2 {
+                    let print = print_report(&report, printable::line, &mut output::report());
+                    unless_reader_gone(print)?;
+                }
             }
-            Err(e) => {
-                self.progress.say(&format!("warning: no cleaning list: {}", e.message));
-                Ok(())
-            }
+            Err(e) => self.progress.say(&format!("warning: no account: {}", e.message)),
         }
+        Ok(())
     }
 
     /// Prints a row as a JSON line, if these are asked for.

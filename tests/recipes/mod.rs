@@ -127,5 +127,8 @@ fn logged(form: &str) -> Vec<u8> {
 }
 
 fn in_text(house: &House) -> String {
-    format!("{:?}", results(house))
+    let mut of_recordings = results(house);
+    // it tells of recordings without results, too
+    of_recordings.remove("account.json");
+    format!("{of_recordings:?}")
 }

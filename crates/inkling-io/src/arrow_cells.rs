@@ -8,7 +8,7 @@
 //! the column.
 
 use arrow_array::cast::AsArray;
-use arrow_array::types::{Float16Type, Float32Type, Float64Type, Int64Type};
+use arrow_array::types::{Float16Type, Float32Type, Float64Type, Int64Type, UInt32Type};
 use arrow_array::{Array, ArrayRef, downcast_integer_array, make_array};
 use arrow_schema::{DataType, TimeUnit};
 use std::collections::HashMap;
@@ -105,6 +105,30 @@ impl ReadColumn<'_> {
         Ok(all.into_iter().map(|v| v.filter(|v| !v.is_nan())).collect())
     }
 
+    /// The same as f32.
+    pub fn floats(self) -> Read<f32> {
+        if self.array.null_count() == self.array.len() {
+            return Ok(vec![None; self.array.len()]);
+        }
+        match self.array.data_type() {
+            DataType::Float32 => {
+                let all = self.array.as_primitive::<Float32Type>();
+                Ok(all.iter().map(|v| v.filter(|v| !v.is_nan())).collect())
+            }
+            _ => Ok(self.numbers()?.into_iter().map(|v| v.map(|v| v as f32)).collect()),
+        }
+    }
+
+    /// The cells as whole numbers from 0 on; others, and nulls, are an error.
+    pub fn counts(self) -> Result<Vec<u32>, String> {
+        match self.array.data_type() {
+            DataType::UInt32 if self.array.null_count() == 0 => {
+                Ok(self.array.as_primitive::<UInt32Type>().values().to_vec())
+            }
+            _ => self.required(self.whole()?),
+        }
+    }
+
     /// The cells as whole numbers from 0 on; others are an error.
     pub fn whole<T: TryFrom<u64>>(self) -> Read<T> {
         let one = |v: f64| {
@@ -117,17 +141,29 @@ impl ReadColumn<'_> {
 
     /// The cells as ns since 1970. A column of plain i64 counts as ns.
     pub fn times(self) -> Read<i64> {
-        let factor = match self.array.data_type() {
-            // other tools may have dropped the type
-            DataType::Timestamp(TimeUnit::Nanosecond, _) | DataType::Int64 => 1,
-            DataType::Timestamp(TimeUnit::Microsecond, _) => 1_000,
-            DataType::Timestamp(TimeUnit::Millisecond, _) => 1_000_000,
-            DataType::Timestamp(TimeUnit::Second, _) => 1_000_000_000,
-            _ => return Err(self.unfit(self.array)),
-        };
+        let (factor, all) = (self.unit_ns()?, counted(self.array));
         let one = |v: i64| v.checked_mul(factor).ok_or_else(|| self.out_of_range(v));
-        let all = counted(self.array);
         all.as_primitive::<Int64Type>().iter().map(|v| v.map(one).transpose()).collect()
+    }
+
+    /// The same of a column that may have no null.
+    pub fn all_times(self) -> Result<Vec<i64>, String> {
+        let all = counted(self.array);
+        match self.unit_ns()? {
+            1 if all.null_count() == 0 => Ok(all.as_primitive::<Int64Type>().values().to_vec()),
+            _ => self.required(self.times()?),
+        }
+    }
+
+    fn unit_ns(self) -> Result<i64, String> {
+        match self.array.data_type() {
+            // other tools may have dropped the type
+            DataType::Timestamp(TimeUnit::Nanosecond, _) | DataType::Int64 => Ok(1),
+            DataType::Timestamp(TimeUnit::Microsecond, _) => Ok(1_000),
+            DataType::Timestamp(TimeUnit::Millisecond, _) => Ok(1_000_000),
+            DataType::Timestamp(TimeUnit::Second, _) => Ok(1_000_000_000),
+            _ => Err(self.unfit(self.array)),
+        }
     }
 
     /// The cells as texts. Dictionary columns must have been unpacked to plain Utf8 before: the

@@ -102,13 +102,13 @@ impl VerdictReader {
     ) -> Result<(), String> {
         match cells {
             Cells::Recording => {}
-            Cells::Time(at) => *at.of_mut(c) = of.required(of.times()?)?,
+            Cells::Time(at) => *at.of_mut(c) = of.all_times()?,
             Cells::Printhead(at) => {
                 let Texts { keys, values } = of.texts()?;
                 *at.of_mut(c) = of.required(keys)?;
                 c.printheads = values.into_iter().map(Arc::from).collect();
             }
-            Cells::Channel(at) => *at.of_mut(c) = of.required(of.whole()?)?,
+            Cells::Channel(at) => *at.of_mut(c) = of.counts()?,
             Cells::Outcome(at) => *at.of_mut(c) = of.required(of.parsed(Outcome::of)?)?,
             Cells::Category(at) => *at.of_mut(c) = of.parsed(|name| self.categories.key(name))?,
             Cells::Class(at) => *at.of_mut(c) = of.parsed(|name| self.classes.key(name))?,
@@ -116,7 +116,7 @@ impl VerdictReader {
             Cells::Reason(at) => *at.of_mut(c) = of.parsed(Reason::of)?,
             Cells::Model(at) => *at.of_mut(c) = of.whole()?,
             Cells::Statistic(at) | Cells::Threshold(at) | Cells::Misfit(at) | Cells::Number(at) => {
-                *at.of_mut(c) = of.numbers()?.into_iter().map(|v| v.map(|v| v as f32)).collect();
+                *at.of_mut(c) = of.floats()?;
             }
             Cells::Weights => (c.weights_start, c.weights) = of.lists()?,
         }

@@ -100,12 +100,21 @@ pub struct Args {
     /// One JSON line per recording and one for the run, instead of text
     #[arg(long)]
     pub(super) json: bool,
+    /// Whether whoever calls this tells what all recordings come to.
+    #[arg(skip)]
+    is_told_by_others: bool,
 }
 
 impl Args {
     /// What `inkling night` asks for: everything else the settings say.
     pub fn of_night(recordings: Vec<String>, config: PathBuf, set: Vec<String>) -> Args {
-        Args { recordings, config: Some(config), set, ..Args::default() }
+        let is_told_by_others = true;
+        Args { recordings, config: Some(config), set, is_told_by_others, ..Args::default() }
+    }
+
+    /// Whether the run itself tells what all recordings come to.
+    pub fn tells_all(&self) -> bool {
+        !self.is_told_by_others
     }
 
     /// Keeps the state in this file.

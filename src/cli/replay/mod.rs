@@ -28,6 +28,7 @@ use super::live;
 use super::plan::{self, Planner};
 use super::progress::{Progress, interruptible};
 use super::report::printable_path;
+use super::report_page::ACCOUNT_NAME;
 use super::teller::Teller;
 use crate::pipeline::resume::Resume;
 use crate::settings::Settings;
@@ -181,6 +182,7 @@ fn checked_and_judged(
             timings: args.timings,
             annotate: args.annotate,
             is_alone,
+            tells_all: args.tells_all(),
             failures: 0,
         },
     };
@@ -209,7 +211,8 @@ fn named_recordings(
 ) -> Result<NamedRecordings, Failure> {
     let found = inputs::find_each_recording(&settings.input.recordings)?;
     outputs::check_place(out)?;
-    for (name, kind) in [(RUN_NAME, ResultFile::Run), (JOURNAL_NAME, ResultFile::Journal)] {
+    let files = [ResultFile::Run, ResultFile::Journal, ResultFile::Account];
+    for (name, kind) in [RUN_NAME, JOURNAL_NAME, ACCOUNT_NAME].into_iter().zip(files) {
         outputs::check_file(&out.join(name), kind)?;
     }
     // the journal says where earlier results lie, and which recordings need not be opened
