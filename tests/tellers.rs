@@ -1,7 +1,9 @@
-//! Page, list, JSON, mail and table of faults put the statements of `account.json` into words, and each of these
+//! Page, list, JSON, mail, metrics and table of faults put the statements of `account.json` into words, and each of these
 //! stands on rows of the tables.
 
-use crate::house::House;
+use crate::house::{House, root};
+use crate::prometheus::families;
+use crate::recipes::{on_day, some};
 use crate::recorded::{batches, cells, texts};
 use arrow_array::types::{Float32Type, TimestampNanosecondType, UInt32Type};
 use serde_json::Value;
@@ -105,4 +107,41 @@ fn all_tellers_tell_the_statements_of_the_account_and_rows_stand_behind_each() {
         let is_a_row = |size: f64| named().any(|of| of.severity == Some(size));
         assert!(size.is_none_or(is_a_row), "{size:?} stands in no row of {fault}");
     }
+}
+
+#[test]
+fn the_mail_and_the_metrics_of_a_night_tell_its_account() {
+    let house = House::new();
+    let design = root().join("sample_logs/design.json");
+    let settings = format!("[input]\nrecordings = [\"rec\"]\ndesign = {design:?}\n");
+    let rest = "[identify]\nmode = \"design\"\n[output]\ndir = \"out\"\n";
+    house.write("pipeline.toml", settings + rest);
+    house.record("rec/1.mcap", &some(0, 20));
+    house.ok("night");
+    house.record("rec/2.mcap", &on_day(1, 20));
+    let mail = house.ok("night --metrics m.prom");
+    let account = house.read_json("out/account.json");
+
+    // 1. whatever the mail says of a channel stands in the account
+    let statements = of_kinds(&account, &["fault", "past_fault"]);
+    let told: Vec<&str> = mail
+        .lines()
+        .filter_map(|line| line.strip_prefix("  "))
+        .filter(|l| l.contains(" channel "))
+        .collect();
+    assert!(!told.is_empty(), "{mail}");
+    for line in told {
+        let is_line = |of: &&Value| {
+            let head = of["printhead"].as_str().unwrap();
+            line == format!("{head} {}", of["sentence"].as_str().unwrap())
+        };
+        assert!(statements.iter().any(is_line), "{line} stands in no statement");
+    }
+
+    // 2. the metrics count its statements and signals
+    let metrics = families(&house.text("m.prom"));
+    let open: f64 = metrics["inkling_open_faults"].values().sum();
+    assert_eq!(open, of_kinds(&account, &["fault"]).len() as f64);
+    let signals = |key: &str| account["signals"][key].as_f64().unwrap();
+    assert_eq!(metrics["inkling_signals_total"][""], signals("judged") + signals("not_judged"));
 }
