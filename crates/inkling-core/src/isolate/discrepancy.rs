@@ -79,8 +79,12 @@ impl Discrepancy {
         let mut ln_odds = 0.0;
         for _ in 0..ROUNDS {
             (of, ln_odds) = Learned { rest: of.rest, ..Learned::unknown() }.taught(channels);
-            of.rest += of.further(channels);
+            let off = of.off(channels);
+            of.rest += off.times(off.more.map(|more| (more - 1.0).max(0.0)));
         }
+        // the scatter of few channels is not well known: Student's t with so many degrees of freedom
+        let off = of.off(channels);
+        of.rest += off.times(off.freedom.map(|nu| nu / (nu - 2.0).max(0.5) - 1.0));
         let says_something = !law.changes_nothing();
         if !says_something && of.wrong_share(channels) > tuned::MOST_WRONG_LABELS {
             return None;
@@ -152,14 +156,13 @@ impl Learned {
         1.0 - channels.iter().map(is_right).sum::<f64>() / channels.len().max(1) as f64
     }
 
-    /// By how much more, in each principal direction of their scatter, the channels lie off what was
-    /// learned of them than they are expected to.
-    fn further(&self, channels: &[Shown]) -> Matrix4<f64> {
+    /// How far the channels lie off what was learned of them.
+    fn off(&self, channels: &[Shown]) -> Off {
         let n = channels.len().max(1) as f64;
         let scatter = channels.iter().map(|of| of.scatter + self.rest).sum::<Matrix4<f64>>() / n;
-        let SymmetricEigen { eigenvectors, .. } = SymmetricEigen::new(scatter);
-        let along = |of: &Matrix4<f64>| (eigenvectors.transpose() * of * eigenvectors).diagonal();
-        let [mut found, mut expected] = [Vector4::repeat(FEW as f64); 2];
+        let axes = SymmetricEigen::new(scatter).eigenvectors;
+        let along = |of: &Matrix4<f64>| (axes.transpose() * of * axes).diagonal();
+        let [mut found, mut freedom] = [Vector4::repeat(FEW as f64); 2];
         for channel in channels {
             let (_, known, off) = self.predict(channel);
             let is_right = label(&off, &(known + channel.scatter + self.rest)).is_right;
@@ -167,11 +170,9 @@ impl Learned {
             found += along(&(off * off.transpose())).component_div(&scatter) * is_right;
             // what was learned of a channel it is not off by
             let learned = along(&known).component_div(&scatter).map(|v| v.min(1.0));
-            expected += (Vector4::repeat(1.0) - learned) * is_right;
+            freedom += (Vector4::repeat(1.0) - learned) * is_right;
         }
-        let more = found.component_div(&expected).map(|ratio| (ratio - 1.0).max(0.0));
-        let more = more.component_mul(&along(&scatter));
-        eigenvectors * Matrix4::from_diagonal(&more) * eigenvectors.transpose()
+        Off { scatter: along(&scatter), more: found.component_div(&freedom), axes, freedom }
     }
 
     /// Mean and covariance of what is to be added to the features of the curve at a point.
@@ -183,6 +184,22 @@ impl Learned {
             Vector4::from_column_slice(mean.as_slice()),
             Matrix4::from_column_slice(covariance.as_slice()) + self.rest,
         )
+    }
+}
+
+/// How far channels lie off what was learned of them, in the principal directions (`axes`) of their `scatter`.
+struct Off {
+    axes: Matrix4<f64>,
+    scatter: Vector4<f64>,
+    /// Their squares over those expected, and the number of channels that tell it.
+    more: Vector4<f64>,
+    freedom: Vector4<f64>,
+}
+
+impl Off {
+    fn times(&self, factor: Vector4<f64>) -> Matrix4<f64> {
+        let along = Matrix4::from_diagonal(&factor.component_mul(&self.scatter));
+        self.axes * along * self.axes.transpose()
     }
 }
 
