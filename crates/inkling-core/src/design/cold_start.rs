@@ -133,8 +133,8 @@ pub(super) fn unsized_classes(design: &Design) -> Option<String> {
         design.classes.iter().filter(has_none).map(|class| class.name.as_str()).collect();
     (!names.is_empty()).then(|| {
         format!(
-            "no size will be told of {}: labels with a severity on three channels or more, of faults of one \
-             kind, would tell what a size looks like",
+            "no size will be told of {}: labels with different severities above 0 on three channels or more, \
+             of faults of one kind, would tell what a size looks like",
             names.join(", ")
         )
     })

@@ -43,7 +43,7 @@ use super::work;
 use children::misfit_power;
 use decays::Decays;
 use fit::Fit;
-use noise::sizes;
+use noise::{ROUNDED, sizes};
 use selection::Selected;
 use std::f64::consts::TAU;
 
@@ -60,6 +60,9 @@ fn left(selected: &Selected, named: bool) -> Unexplained {
     let decays = selected.fit.decays;
     let misfit = selected.fit.misfit();
     let (before, after) = (selected.baseline.sizes(), sizes(&misfit, decays));
+    if after.iter().all(|size| *size <= ROUNDED) {
+        return Unexplained { significant: Vec::new(), share: 0.0, share_allowed: 1.0 };
+    }
 
     // In squares of what is left of each output: `floor` is the part that nothing predicts; `missed` and
     // `rest` sum what the plain oscillation and the final model leave beyond it.
@@ -137,7 +140,8 @@ pub fn critique(data: &Observations) -> Result<Outcome, CritiqueError> {
     let (misfit, gain) = gain::measure(&selected);
     let structure = structure::of(&selected, onset);
     let mut left = left(&selected, !causes.is_empty());
-    let verdict = match structure.forecast.fails(selected.noise.predictable()) {
+    let fails = structure.forecast.fails(selected.noise.predictable());
+    let verdict = match fails {
         true => {
             causes.clear();
             remarks.clear();
@@ -146,7 +150,7 @@ pub fn critique(data: &Observations) -> Result<Outcome, CritiqueError> {
         }
         false => Verdict::of(&mut causes, &left),
     };
-    if verdict == Verdict::Unknown && causes.is_empty() && selected.causes.len() == 1 {
+    if verdict == Verdict::Unknown && !fails && causes.is_empty() && selected.causes.len() == 1 {
         causes.extend(nearest(&selected));
     }
     remarks.extend(not_worth(&causes, &gain));

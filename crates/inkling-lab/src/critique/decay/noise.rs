@@ -7,6 +7,8 @@ use super::decays::Decays;
 use std::f64::consts::TAU;
 
 const MOST_ORDER: usize = 12;
+/// A misfit that is smaller, relative to the largest deviation, is that of samples rounded to f32.
+pub const ROUNDED: f64 = 1e-6;
 
 /// The noise of one output: linear predictors of order 0, 1 ... p, and the standard deviation of what each
 /// leaves. That of order m expects sum_j phi_j y_{k-1-j} of sample k, over j < m.
@@ -90,7 +92,7 @@ impl Colour {
 pub fn sizes(misfit: &[f64], decays: &Decays) -> Vec<f64> {
     let count = (decays.samples * decays.bursts) as f64;
     let square = |output| decays.of_output(misfit, output).flatten().map(|r| r * r).sum::<f64>();
-    (0..decays.outputs).map(|output| (square(output) / count).sqrt().max(1e-12)).collect()
+    (0..decays.outputs).map(|output| (square(output) / count).sqrt().max(ROUNDED)).collect()
 }
 
 #[derive(Clone, Debug)]
