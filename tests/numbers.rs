@@ -3,7 +3,7 @@
 use clap::ValueEnum;
 use inkling::burst::Beside;
 use inkling::critique::engine::{Rings, critique};
-use inkling::critique::finding::Critique;
+use inkling::critique::finding::{Critique, Verdict};
 use inkling::critique::observations::{Observations, Sampler};
 use inkling::critique::outcome::CritiqueError;
 use inkling::critique::report;
@@ -131,6 +131,19 @@ fn many_partials_ring_and_noise_does_not() {
         assert!(of_partials.is_ok(), "{:?}", of_partials.err());
     }
     assert!(told(Kind::Noise).is_err() && told(Kind::Noise).is_err());
+}
+
+/// Nothing but the rounding of samples is left of a decay without noise: no cause.
+#[test]
+fn a_decay_without_noise_asks_for_nothing_more() {
+    let mut sampler = Sampler::new(1e-3, 16);
+    let decay = |k: usize| {
+        let y = (-1.5e-3 * k as f64).exp() * (0.01 * TAU * k as f64).cos();
+        f64::from(y as f32)
+    };
+    sampler.offer("p", Beside::alone(0, 0), &(0..2000).map(decay).collect::<Vec<f64>>());
+    let told = told(&sampler.finish(), Rings::Oscillator).unwrap();
+    assert!(told.causes.is_empty() && told.verdict == Verdict::None, "{}", told.sentence);
 }
 
 /// A decay that is one sample shorter than another is used with it.

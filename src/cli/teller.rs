@@ -4,7 +4,8 @@
 //! ([`Account`], `run.json`), lines on stdout (text, or JSON events), complaints on stderr, and with `--annotate`
 //! the annotations of each recording. Nothing that a later run rests on is written here: that is the ledger's.
 
-use super::account::{Account, End, RUN_NAME, Row};
+use super::account::{Account, End, MOST_RUN_BYTES, RUN_NAME, Row};
+use super::acknowledge::ACKNOWLEDGED_NAME;
 use super::annotate::{self, NotAnnotated};
 use super::exit::{Exit, Failure, in_words, unless_reader_gone};
 use super::judge::{Judged, Run};
@@ -18,8 +19,8 @@ use super::results::{self, ReadReport};
 use crate::report::print as print_report;
 use inkling_io::file_error::FileError;
 use inkling_io::job::Job;
-use inkling_io::journal::{CountedMessage, Entry, Outcome};
-use inkling_io::{annotation_writer, printable, stored};
+use inkling_io::journal::{CountedMessage, Entry, JOURNAL_NAME, Outcome};
+use inkling_io::{annotation_writer, printable, regular_file, stored};
 use serde_json::{Value, json};
 use std::io::Write;
 use std::path::Path;
@@ -199,6 +200,10 @@ impl Teller<'_> {
     /// are at least two.
     fn tell_all(&self, run: &Run, lists: bool) -> Result<(), Failure> {
         let account = self.out.join(ACCOUNT_NAME);
+        let is_nothing_new = self.account.rows.iter().all(|row| row.skipped) && self.is_current();
+        if is_nothing_new && !lists {
+            return Ok(());
+        }
         let Ok(inputs) = results::find(&[self.out.to_string_lossy().into()], "an account") else {
             return Ok(()); // nothing was ever judged
         };
@@ -214,6 +219,19 @@ impl Teller<'_> {
             Err(e) => self.progress.say(&format!("warning: no account: {}", e.message)),
         }
         Ok(())
+    }
+
+    /// Whether the account was written after all that it tells of was, which could be read.
+    fn is_current(&self) -> bool {
+        let account = regular_file::read(&self.out.join(ACCOUNT_NAME), MOST_RUN_BYTES);
+        let account: Value =
+            serde_json::from_slice(&account.unwrap_or_default()).unwrap_or_default();
+        if account["complete"] != true {
+            return false;
+        }
+        let at = |name: &str| stored::stamp(&self.out.join(name)).ok()?.modified_ns;
+        let told = [JOURNAL_NAME, ACKNOWLEDGED_NAME].map(at);
+        at(ACCOUNT_NAME).is_some_and(|at| told.into_iter().flatten().all(|of| of <= at))
     }
 
     /// Prints a row as a JSON line, if these are asked for.

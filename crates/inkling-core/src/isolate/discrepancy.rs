@@ -8,7 +8,7 @@
 //! features - curve(s) = rows(s) c + e,    c ~ N(0, 1),    e ~ N(0, channels' own changes + noise)
 //! ```
 //!
-//! c holds the errors of the rates and the pulse, and per feature [`TERMS`] Legendre polynomials of
+//! c holds the errors of the rates and the pulse, and per feature six Legendre polynomials of
 //! the size, in units of what a law may be wrong by. A Kalman update by each channel gives the mean
 //! and the covariance of c, and the evidence for it, against that for the law as it is believed. A
 //! law of which nothing is known (a user's own class) is learned by the same rows.
