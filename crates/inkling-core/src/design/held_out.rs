@@ -16,7 +16,7 @@ use super::{
 use crate::fault::HEALTHY;
 use crate::identify::GreyBoxSettings;
 use crate::isolate::Likeness;
-use crate::numbers::FEW;
+use crate::numbers::{FEW, LITTLE};
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::{Arc, OnceLock};
 
@@ -99,7 +99,7 @@ impl ClassReview {
     pub fn why_hardly_named(&self) -> Option<String> {
         let Judged { signals, detected, no_ring, ref most_like, .. } = self.trained_on;
         let named = self.trained_on.named(&self.name);
-        let is_hardly = !self.is_known && signals >= FEW && 10 * named <= signals;
+        let is_hardly = !self.is_known && signals >= FEW && named as f64 <= LITTLE * signals as f64;
         if !is_hardly {
             return None;
         }

@@ -26,9 +26,6 @@ pub const OF_OWN: [f64; 4] = [0.4, 0.5, 0.25, 1.0];
 
 /// A priori share of labels whose class or size is wrong.
 pub const WRONG_LABELS: f64 = 0.02;
-/// Share of an own class's labels beyond which the others' curve is not that of the class. Of three kinds of
-/// air bubble under one name .35 are, of classes of one kind 1e-5.
-pub const MOST_WRONG_LABELS: f64 = 0.1;
 
 /// Number of examples from which on the ends of a range are estimated: a further one lies between
 /// the least and the greatest of n with probability (n - 1) / (n + 1), which is to be .95.
