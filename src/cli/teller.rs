@@ -15,7 +15,7 @@ use super::output;
 use super::progress::{Progress, first_few, is_called};
 use super::report::printable_path;
 use super::report_page::{ACCOUNT_NAME, write_json};
-use super::results::{self, ReadReport};
+use super::results;
 use crate::report::print as print_report;
 use inkling_io::file_error::FileError;
 use inkling_io::job::Job;
@@ -204,18 +204,22 @@ impl Teller<'_> {
         if is_nothing_new && !lists {
             return Ok(());
         }
-        let Ok(inputs) = results::find(&[self.out.to_string_lossy().into()], "an account") else {
-            return Ok(()); // nothing was ever judged
-        };
         let settings = &run.replay.settings.report;
-        match results::read(&inputs, settings, false, self.progress, run.control) {
-            Ok(ReadReport { report, .. }) => {
+        let found = results::find(&[self.out.to_string_lossy().into()], "an account");
+        let read = found.and_then(|inputs| {
+            let read = results::read(&inputs, settings, false, self.progress, run.control)?;
+            Ok((inputs.len(), read.report))
+        });
+        match read {
+            Ok((recordings, report)) => {
                 write_json(&account, &report.account())?;
-                if lists && inputs.len() >= 2 {
+                if lists && recordings >= 2 {
                     let print = print_report(&report, printable::line, &mut output::report());
                     unless_reader_gone(print)?;
                 }
             }
+            // where nothing was ever judged there is nothing to account for
+            Err(_) if self.account.rows.iter().all(|row| row.verdicts.is_none()) => {}
             Err(e) => self.progress.say(&format!("warning: no account: {}", e.message)),
         }
         Ok(())
