@@ -152,7 +152,7 @@ pub fn learn(lesson: TrainingInput) -> Result<TrainedDesign, Failure> {
     // 3. review each labelled class; a class that would hardly be named is refused, as its faults
     // would not be told
     let reviews = design.review_classes(&set, grey_box, &settings.isolate).map_err(Failure::new)?;
-    refuse_never_named(&reviews, written.name())?;
+    refuse_hardly_named(&reviews, written.name())?;
     warnings.extend(reviews.iter().filter(|class| class.is_hardly_detected()).map(hardly_detected));
     Ok(TrainedDesign { design, reviews, warnings, unused, incomplete })
 }
@@ -238,7 +238,7 @@ fn not_trained(e: &DesignError, labels: &Path) -> Failure {
     }
 }
 
-fn refuse_never_named(reviews: &[ClassReview], labels: &Path) -> Result<(), Failure> {
+fn refuse_hardly_named(reviews: &[ClassReview], labels: &Path) -> Result<(), Failure> {
     let why = |class: &ClassReview| {
         let name = printable(&class.name);
         class.why_hardly_named().map(|why| format!("class {name} would hardly be named: {why}"))

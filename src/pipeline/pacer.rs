@@ -4,7 +4,8 @@
 //! In: batches in the file's order, from the reader stage, which has one worker then ([`Pacer::wait_for`]).
 //! Out: the reader is held until the batch is due; at the end, how far it was ever behind. At the recorded
 //! speed a batch is due as long after the first burst as its latest burst was acquired after the earliest burst
-//! of the first batch, less any time by which bursts are dated apart (`JUMP_NS`); at S signals per second, when n / S seconds have passed, n signals being before it.
+//! of the first batch, less any time by which bursts are dated apart (`JUMP_NS`); at S signals per second, when
+//! n / S seconds have passed, n signals being before it.
 //!
 //! A batch is one burst while the reader keeps the pace, and more while it is late, since larger batches cost
 //! less.

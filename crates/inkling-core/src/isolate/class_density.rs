@@ -1,8 +1,8 @@
 //! How the features of one fault class are spread: a density that can be learned from few examples.
 //!
 //! In: features of labelled signals, and the covariance of the fit's noise at the class. Out: a
-//! [`ClassDensity`], which gives the ln density of any features x. It is a product of one-dimensional densities along axes u = B (x - mean), in each of
-//! which the noise has unit variance. How it is learned:
+//! [`ClassDensity`], which gives the ln density of any features x. It is a product of one-dimensional
+//! densities along axes u = B (x - mean), in each of which the noise has unit variance. How it is learned:
 //!
 //! 1. Mean and covariance of the examples, shrunk towards that of all classes as by one example.
 //! 2. Of two choices of B the likelier is kept (of few examples the better by Schwarz's criterion):
