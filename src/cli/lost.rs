@@ -1,5 +1,5 @@
 //! Recordings that a report cannot cover, because they have no verdicts: recordings that failed
-//! according to the journal, those that the last run did not reach (`run.json`) or has not reached
+//! according to the journal or whose tables are gone, those that the last run did not reach (`run.json`) or has not reached
 //! yet (the lock file), and those whose tables cannot be read. A report that was silent about them
 //! would look complete.
 //!
@@ -12,7 +12,8 @@ use super::account::{MOST_RUN_BYTES, RUN_NAME};
 use super::acknowledge;
 use crate::report::{Acknowledged, LostRecording};
 use inkling_io::inputs::Input;
-use inkling_io::journal::{Entry, JOURNAL_NAME, Journal, Outcome};
+use inkling_io::journal::{Entry, JOURNAL_NAME, Journal, Outcome, Results};
+use inkling_io::objects::in_object_store;
 use inkling_io::regular_file::{self, if_there};
 use inkling_io::run_lock::{self, ToJudge, Unfinished};
 use inkling_io::stored;
@@ -143,8 +144,8 @@ fn under_way(out: &Path) -> Vec<LostRecording> {
     left.map(|of| LostRecording::new(of.recording, &*why)).collect()
 }
 
-/// Recordings that failed, still exist, and would have their tables at a place that `is_asked_for` accepts, with
-/// their paths.
+/// Recordings that failed, or whose verdicts are gone, still exist, and would have their tables at a place that
+/// `is_asked_for` accepts, with their paths.
 fn failed(out: &Path, is_asked_for: impl Fn(&Path) -> bool) -> Vec<(String, LostRecording)> {
     let journal = match Journal::read(out) {
         Ok(journal) => journal,
@@ -159,12 +160,23 @@ fn failed(out: &Path, is_asked_for: impl Fn(&Path) -> bool) -> Vec<(String, Lost
         let path = Path::new(&entry.recording.path);
         path.parent().is_some_and(Path::is_dir) && !path.exists()
     };
-    let failed = journal.recordings().filter(|entry| entry.outcome == Outcome::Failed);
-    let lost = failed.filter(is_asked_for).filter(|entry| !is_gone(entry)).map(|entry| {
+    // a store is not asked for each table: there a question takes as long as a small file
+    let is_gone_table = |of: &Results| {
+        !of.bytes.is_empty() && !in_object_store(out) && !out.join(&of.verdicts).is_file()
+    };
+    let has_none = |entry: &&Entry| match entry.outcome {
+        Outcome::Failed => true,
+        judged => judged.is_judged() && entry.results.as_ref().is_some_and(is_gone_table),
+    };
+    let without = journal.recordings().filter(has_none);
+    let lost = without.filter(is_asked_for).filter(|entry| !is_gone(entry)).map(|entry| {
         let path = &entry.recording.path;
         let name = Path::new(path).file_name().map_or(path.into(), |name| name.to_string_lossy());
         // errors begin with the path, which the line in the report has already
-        let error = entry.error.as_deref().unwrap_or("failed");
+        let error = match entry.outcome {
+            Outcome::Failed => entry.error.as_deref().unwrap_or("failed"),
+            _ => "its verdicts are gone: `inkling replay` makes them again",
+        };
         let why = error.split_once(&*name).and_then(|(_, rest)| rest.strip_prefix(": "));
         (path.clone(), LostRecording::new(name.clone(), why.unwrap_or(error)))
     });

@@ -18,6 +18,7 @@ use crate::identify::SignalSet;
 use crate::isolate::fault_physics::{FaultPhysics, LabelledFault};
 use crate::isolate::fault_simulator::ActuatedChannel;
 use crate::isolate::physics_density::LabelledSeverities;
+use crate::isolate::tuned;
 use crate::model::faults::Law;
 use crate::model::ring::Ring;
 use crate::model::{Actuation, Waveform};
@@ -84,8 +85,15 @@ pub(super) fn physics(
         let Some(class) = design.classes.iter().find(|class| class.name == *name) else { continue };
         let class = class.class();
         let Some(kind) = physics.laws.one_kind(&class.of) else { continue };
+        let own = physics.laws.law(kind).filter(|law| law.changes_nothing());
+        let is_size =
+            |size: f64| own.is_none_or(|law| (law.range[0]..=law.range[1]).contains(&size));
         for (model, signals) in design.with_models(printheads) {
-            let few = signals.first(MOST_LOOKS);
+            let mut few = signals.first(MOST_LOOKS);
+            few.severity
+                .iter_mut()
+                .filter(|size| !is_size(**size))
+                .for_each(|size| *size = f64::NAN);
             labelled.extend(labelled_faults((name, kind), model, &ring, &few)?);
         }
     }
@@ -108,18 +116,22 @@ pub(super) fn physics(
 }
 
 /// The sizes that a user's own class may have by its labels, the least one first: beyond the least
-/// and the greatest by their mean distance. `None`: no sizes above 0 of three channels.
+/// and the greatest, but for the share of labels that may be wrong, by the mean distance of channels.
+/// `None`: no sizes above 0 of three channels.
 fn labelled_range(printheads: &BTreeMap<String, SignalSet>) -> Option<[f64; 2]> {
     let mut channels = BTreeSet::new();
-    let [mut low, mut high] = [f64::INFINITY, f64::NEG_INFINITY];
+    let mut sizes = Vec::new();
     for (name, set) in printheads {
         for (channel, size) in set.channel.iter().zip(&set.severity) {
             if *size > 0.0 {
                 channels.insert((name, channel));
-                (low, high) = (low.min(*size), high.max(*size));
+                sizes.push(*size);
             }
         }
     }
+    sizes.sort_by(f64::total_cmp);
+    let wrong = (tuned::WRONG_LABELS * sizes.len() as f64) as usize;
+    let (low, high) = (*sizes.get(wrong)?, *sizes.iter().rev().nth(wrong)?);
     let beyond = (high - low) / (channels.len() as f64 - 1.0);
     (channels.len() >= 3 && beyond > 0.0).then(|| [(low - beyond).max(0.1 * low), high + beyond])
 }
