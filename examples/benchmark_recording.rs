@@ -97,6 +97,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let mut t_ns = 1_750_000_000_000_000_000_i64;
     let mut burst = Burst {
         t_acq_ns: t_ns,
+        logged_ns: t_ns,
         printhead: printheads[0].clone(),
         first_channel,
         channels: args.channels,

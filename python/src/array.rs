@@ -136,6 +136,7 @@ impl Array {
         let too_many = |_| Failure::usage(format!("{channels} channels of {samples} samples"));
         let of_all = Burst {
             t_acq_ns: 0,
+            logged_ns: 0,
             printhead: Arc::from(self.printhead.as_str()),
             first_channel: self.first_channel,
             channels: channels.try_into().map_err(too_many)?,

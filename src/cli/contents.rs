@@ -176,7 +176,7 @@ impl Contents {
         }
         let clock = self.clocks.entry(key.clone());
         let new = || HeadClock::new(GroupKey::of(burst), self.order);
-        clock.or_insert_with(new).hear(burst.t_acq_ns);
+        clock.or_insert_with(new).hear(burst);
         let group = self.groups.entry(key).or_insert_with(|| BurstGroup {
             first_channel: u32::MAX,
             first_ns: i64::MAX,

@@ -220,7 +220,7 @@ impl Teller<'_> {
             }
             // where nothing was ever judged there is nothing to account for
             Err(_) if self.account.rows.iter().all(|row| row.verdicts.is_none()) => {}
-            Err(e) => self.progress.say(&format!("warning: no account: {}", e.message)),
+            Err(e) => self.fail(&format!("no {ACCOUNT_NAME} of this run: {}", e.message)),
         }
         Ok(())
     }

@@ -8,7 +8,6 @@
 //! summary last. So where a summary lies, the tables beside it are whole and belong to it.
 
 use super::head_clock::HeadClock;
-use super::head_movement::HeadMovement;
 use super::metadata::{self, Document};
 use super::recording_report::{NotJudged, RecordingReport, note_not_judged};
 use super::run::Run;
@@ -43,15 +42,9 @@ impl Run<'_> {
         let dialects = replay.settings.input.dialects();
         let closed = recording.is_growing().then(|| recording.closed(&dialects)).transpose()?;
         let recording = closed.as_ref().unwrap_or(recording);
-        let StageResults { mut judges, mut tally, table, episodes, mut moved, digest, .. } =
-            results;
+        let StageResults { mut judges, mut tally, table, episodes, moved, digest, .. } = results;
         let odd_times: Vec<NotJudged> =
             results.clocks.into_iter().filter_map(HeadClock::told).collect();
-        // where a clock was set, that says why bursts stand after later ones
-        let is_odd = |of: &HeadMovement| {
-            odd_times.iter().any(|told| told.printhead.as_deref() == Some(&*of.printhead))
-        };
-        moved.iter_mut().filter(|of| is_odd(of)).for_each(|of| of.late = 0);
 
         // 2. warnings by printhead
         let mut warnings = results.temperatures.warnings();

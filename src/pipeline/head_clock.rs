@@ -1,7 +1,8 @@
 //! What the times of a printhead's bursts are worth, and what was odd about them, in words.
 //!
-//! In: the times of its bursts in the order of the file, from the identify stage ([`HeadClock::hear`]). Out: whether
-//! a burst stands in the order of time ([`Standing`]); at the end a sentence (`HeadClock::told`).
+//! In: the times of its bursts, and those at which they were recorded, in the order of the file, from the identify stage
+//! ([`HeadClock::hear`]). Out: whether a burst stands in the order of time ([`Standing`]); at the end a sentence
+//! (`HeadClock::told`).
 //!
 //! A burst is *late* if it is earlier than the latest one before it by more than the reorder time, and a *stray* if it
 //! lies apart from it by more than `JUMP_NS`, earlier or later. Both are judged by what is known, and teach nothing;
@@ -10,9 +11,11 @@
 //! are in no order tells nothing of clocks.
 
 use super::groups::GroupKey;
+use super::log_clock::{LogClock, YEAR_2000_NS};
 use super::numbers::{JUMP_NS, STEADY};
 use super::recording_report::NotJudged;
 use crate::report::clock;
+use inkling_core::burst::Burst;
 use inkling_io::recording::Recording;
 
 /// Usual reorder time, ns: by how much a burst may be earlier than bursts that stand before it in the file; and the
@@ -113,9 +116,13 @@ pub struct HeadClock {
     /// Number of strays, and the times of the first and last of them in the file, ns.
     strays: u64,
     strays_at: Option<(i64, i64)>,
+    /// Number of late bursts, and by how much the latest of them are late, ns.
+    late: u64,
+    latest_ns: u64,
     /// How often the clock was set, and the largest step.
     steps: u64,
     largest: Option<Step>,
+    against_log: LogClock,
 }
 
 impl HeadClock {
@@ -129,13 +136,21 @@ impl HeadClock {
             aside: None,
             strays: 0,
             strays_at: None,
+            late: 0,
+            latest_ns: 0,
             steps: 0,
             largest: None,
+            against_log: LogClock::default(),
         }
     }
 
-    /// Takes in the time of the next burst in the file.
-    pub fn hear(&mut self, t_ns: i64) -> Standing {
+    /// Takes in the next burst in the file.
+    pub fn hear(&mut self, burst: &Burst) -> Standing {
+        self.against_log.hear(burst.t_acq_ns, burst.logged_ns);
+        self.stand(burst.t_acq_ns)
+    }
+
+    fn stand(&mut self, t_ns: i64) -> Standing {
         self.bursts += 1;
         let Some(stretch) = &mut self.stretch else {
             self.stretch = Some(Stretch::of(t_ns));
@@ -144,7 +159,7 @@ impl HeadClock {
         if stretch.continues_with(t_ns, self.order.reorder_ns, self.jump_ns) {
             stretch.add(t_ns);
             if let Some(aside) = self.aside.take() {
-                self.stray(aside);
+                self.set_aside(aside);
             }
             return Standing::InOrder;
         }
@@ -155,6 +170,7 @@ impl HeadClock {
             Standing::Late
         };
         if self.order.is_shuffled {
+            self.set_aside(Stretch::of(t_ns));
             return apart;
         }
 
@@ -164,7 +180,7 @@ impl HeadClock {
                 aside
             }
             other => {
-                other.into_iter().for_each(|of| self.stray(of));
+                other.into_iter().for_each(|of| self.set_aside(of));
                 Stretch::of(t_ns)
             }
         };
@@ -176,11 +192,13 @@ impl HeadClock {
         Standing::Set
     }
 
-    /// Counts what is dated apart from `self.stretch`; what is only late is not told.
-    fn stray(&mut self, of: Stretch) {
+    /// Counts what is dated apart from `self.stretch`, or late.
+    fn set_aside(&mut self, of: Stretch) {
         let Some(here) = self.stretch else { return };
         let apart = of.latest_ns.abs_diff(here.first_ns).min(of.first_ns.abs_diff(here.latest_ns));
         if apart <= self.jump_ns as u64 {
+            self.late += of.bursts;
+            self.latest_ns = self.latest_ns.max(here.latest_ns.abs_diff(of.first_ns));
             return;
         }
         self.strays += of.bursts;
@@ -194,7 +212,7 @@ impl HeadClock {
         self.jump_ns = self.jump_ns.max(aside.widest_ns.saturating_mul(2));
         let Some(before) = self.stretch.replace(aside) else { return };
         if before.moments < STEADY {
-            self.stray(before);
+            self.set_aside(before);
             return;
         }
         self.steps += 1;
@@ -212,7 +230,7 @@ impl HeadClock {
 
     /// What was odd about the times, for the report.
     pub fn told(mut self) -> Option<NotJudged> {
-        self.aside.take().into_iter().for_each(|of| self.stray(of));
+        self.aside.take().into_iter().for_each(|of| self.set_aside(of));
         let printhead = Some(self.key.printhead.to_string());
         self.in_words().map(|what| NotJudged { printhead, what, ..NotJudged::default() })
     }
@@ -220,35 +238,89 @@ impl HeadClock {
     /// What was odd about the times, with numbers, as sentences without a full stop; `None`: nothing was.
     fn in_words(&self) -> Option<String> {
         let name = inkling_io::printable::line(&self.key.printhead, 64);
-        let step = self.largest.map(|step| {
-            let Step { before_ns, expected_ns, after_ns } = step;
-            let way = if after_ns < expected_ns { "back" } else { "forward" };
-            let by = duration(step.by_ns());
-            let times = match self.steps {
-                1 => String::new(),
-                n => format!("; it was set {n} times, this was the largest step"),
-            };
-            format!(
-                "the clock of {name} went {way} by {by} after {}{times}: faults are followed up to there, and anew from \
-                 there on",
-                clock(before_ns)
-            )
-        });
-        let strays = self.strays_at.map(|(from_ns, to_ns)| {
-            let (strays, of) = (self.strays, self.bursts);
-            let is = if strays == 1 { "is" } else { "are" };
-            let until = match from_ns == to_ns {
-                true => String::new(),
-                false => format!(" to {}", clock(to_ns)),
-            };
-            format!(
-                "{strays} of {of} bursts of {name} {is} dated {}{until}, apart from the others: no fault was followed over \
-                 them, and nothing was learned from them",
-                clock(from_ns)
-            )
-        });
-        let told: Vec<String> = step.into_iter().chain(strays).collect();
+        let told = [
+            self.step_in_words(&name),
+            self.strays_in_words(&name),
+            self.late_in_words(&name),
+            self.date_in_words(&name),
+        ];
+        let told: Vec<String> = told.into_iter().flatten().collect();
         (!told.is_empty()).then(|| told.join("; "))
+    }
+
+    fn step_in_words(&self, name: &str) -> Option<String> {
+        let Some(Step { before_ns, expected_ns, after_ns }) = self.largest else {
+            let forward = self.against_log.forward()?;
+            let (by, to) = (duration(forward.by_ns), clock(forward.to_ns));
+            return Some(format!(
+                "the clock of {name} went forward by {by} to {to}, while the times at which its bursts were recorded went \
+                 on: a fault that was on then seems to have lasted longer by that"
+            ));
+        };
+        let way = if after_ns < expected_ns { "back" } else { "forward" };
+        let by = duration(after_ns.abs_diff(expected_ns));
+        let times = match self.steps {
+            1 => String::new(),
+            n => format!("; it was set {n} times, this was the largest step"),
+        };
+        Some(format!(
+            "the clock of {name} went {way} by {by} after {}{times}: faults are followed up to there, and anew from \
+             there on",
+            clock(before_ns)
+        ))
+    }
+
+    fn strays_in_words(&self, name: &str) -> Option<String> {
+        let (from_ns, to_ns) = self.strays_at?;
+        let (strays, of) = (self.strays, self.bursts);
+        let is = if strays == 1 { "is" } else { "are" };
+        Some(format!(
+            "{strays} of {of} bursts of {name} {is} dated {}, apart from the others: no fault was followed over them, and \
+             nothing was learned from them",
+            span(from_ns, to_ns)
+        ))
+    }
+
+    fn late_in_words(&self, name: &str) -> Option<String> {
+        let (late, of) = (self.late, self.bursts);
+        let stands = if late == 1 { "stands" } else { "stand" };
+        let by = duration(self.latest_ns);
+        (late > 0).then(|| {
+            format!(
+                "{late} of {of} bursts of {name} {stands} in the file after later ones, by up to {by}: they were judged by \
+                 what was known of the printhead by then, and taught nothing"
+            )
+        })
+    }
+
+    /// Says so where the bursts are dated by a clock that nobody had set.
+    fn date_in_words(&self, name: &str) -> Option<String> {
+        let Stretch { first_ns, latest_ns, .. } = self.stretch?;
+        if let Some(ahead_ns) = self.against_log.ahead_ns() {
+            return Some(format!(
+                "the bursts of {name} are dated {} later than they were recorded: is its clock ahead, or in local time?",
+                duration(ahead_ns)
+            ));
+        }
+        let recorded = self.against_log.dated_apart();
+        (recorded.is_some() || latest_ns < YEAR_2000_NS).then(|| {
+            let recorded = recorded.map_or(String::new(), |t_ns| {
+                format!(", and were recorded on another day, {}", clock(t_ns))
+            });
+            let dated = span(first_ns, latest_ns);
+            format!(
+                "the bursts of {name} are dated {dated}{recorded}: all that is told of them has these times. Was \
+                 its clock not set, or the unit of its times another one?"
+            )
+        })
+    }
+}
+
+/// From when to when.
+fn span(from_ns: i64, to_ns: i64) -> String {
+    match from_ns == to_ns {
+        true => clock(from_ns),
+        false => format!("{} to {}", clock(from_ns), clock(to_ns)),
     }
 }
 
@@ -274,7 +346,7 @@ mod tests {
             key,
             FileOrder { reorder_ns: S / 10, is_of_times: true, is_shuffled: false },
         );
-        let standing = times.into_iter().map(|t| clock.hear(t)).collect();
+        let standing = times.into_iter().map(|t| clock.stand(t)).collect();
         (standing, clock.told().map(|of| of.what))
     }
 
@@ -321,7 +393,9 @@ mod tests {
     #[test]
     fn a_file_that_was_written_backward_has_late_bursts_and_no_odd_clock() {
         let (standing, said) = heard((0..100).rev().map(|i| i * S));
-        assert!(standing[1..].iter().all(|of| *of == Standing::Late) && said.is_none(), "{said:?}");
+        assert!(standing[1..].iter().all(|of| *of == Standing::Late));
+        let said = said.unwrap();
+        assert!(said.starts_with("99 of 100 bursts") && !said.contains("clock"), "{said:?}");
     }
 
     #[test]

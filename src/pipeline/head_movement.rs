@@ -27,8 +27,6 @@ pub struct HeadMovement {
     /// Number of sweeps that were rejected because it was another head, and when the first of them was, ns.
     pub strange: u64,
     pub strange_since_ns: Option<i64>,
-    /// Number of bursts that came after later ones in the file, and so taught the state nothing.
-    pub late: u64,
     /// When all channels turned out to be others than those that were remembered, ns.
     pub swapped_ns: Option<i64>,
     /// The largest ratio of how far its channels lie from each other to how far the model's did; and when it
@@ -87,7 +85,7 @@ impl HeadMovement {
     }
 
     pub fn is_told(&self) -> bool {
-        self.bursts > 0 || self.late > 0 || !self.replaced.is_empty() || self.is_of_all_channels()
+        self.bursts > 0 || !self.replaced.is_empty() || self.is_of_all_channels()
     }
 
     /// Whether a warning explains that many channels are flagged at once.
@@ -156,13 +154,6 @@ impl HeadMovement {
                 at(from_ns),
             )
         });
-        let late = (self.late > 0).then(|| {
-            format!(
-                "{} bursts stand in the file after later ones: they were judged about what was known of the head by then, and \
-                 taught it nothing; a file in the order of its times is judged burst by burst",
-                self.late,
-            )
-        });
         let scatter = self.scatter_since_ns.map(|since_ns| {
             format!(
                 "from {} on its channels lie up to {:.1} times as far from each other as those that its model was learned \
@@ -175,7 +166,7 @@ impl HeadMovement {
         let replaced = self.replaced.iter().take(MOST_REPLACED).map(ReplacedChannel::in_words);
         let more = self.replaced.len().saturating_sub(MOST_REPLACED);
         let more = (more > 0).then(|| format!("{more} channels more ring otherwise"));
-        let of_all = [beyond, strange, swapped, late, scatter].into_iter().flatten();
+        let of_all = [beyond, strange, swapped, scatter].into_iter().flatten();
         of_all.chain(replaced).chain(more).collect()
     }
 }

@@ -161,7 +161,6 @@ impl Followed {
         match slot.standing {
             Standing::InOrder => {}
             Standing::Late | Standing::Stray => {
-                self.head.movement.late += u64::from(slot.standing == Standing::Late);
                 given.push((slot, self.last.clone()));
                 return;
             }

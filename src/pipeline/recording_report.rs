@@ -150,8 +150,14 @@ pub fn note_not_judged(
     let doubts = if replay.design.is_some() { Vec::new() } else { ring_look::doubts(recording) };
     let doubts = doubts.into_iter().map(|doubt| doubted(doubt, tally));
     let rejected = rejected(tally, judges, &report.refusals);
-    let untimely = report.episodes.untimely.iter();
-    let untimely = untimely.filter_map(|head| without_times(head, settings));
+    let is_known =
+        |told: &NotJudged| report.odd_times.iter().any(|of| of.printhead == told.printhead);
+    let untimely = report.episodes.untimely.iter().map(|head| without_times(head, settings));
+    let (untimely, few): (Vec<_>, Vec<_>) =
+        untimely.partition(|told| 2 * told.judged <= told.signals);
+    let few: Vec<NotJudged> = few.into_iter().filter(|told| !is_known(told)).collect();
+    report.odd_times.extend(few);
+
     let mut all: Vec<NotJudged> = Vec::new();
     // the first sentence about a printhead stays: a doubt about its samples explains the rest
     for told in doubts.chain(rejected).chain(untimely) {
@@ -208,8 +214,8 @@ fn nobody_reads(of: UnreadChannel) -> NotJudged {
     NotJudged { topic: Some(topic), what, ..NotJudged::default() }
 }
 
-/// The sentence about a printhead whose times are of no use for at least half of its signals; `None`: for fewer.
-fn without_times(of: &Untimely, settings: &Settings) -> Option<NotJudged> {
+/// The sentence about a printhead whose times are of no use for some of its signals.
+fn without_times(of: &Untimely, settings: &Settings) -> NotJudged {
     let Untimely { printhead, signals, at_one_time, too_late, t_ns } = of;
     // the commoner of the two causes is told
     let lost = at_one_time + too_late;
@@ -228,7 +234,7 @@ fn without_times(of: &Untimely, settings: &Settings) -> Option<NotJudged> {
     };
     let (signals, judged) = (*signals, signals - lost);
     let printhead = Some(printhead.to_string());
-    (2 * lost >= signals).then_some(NotJudged { printhead, topic: None, signals, judged, what })
+    NotJudged { printhead, topic: None, signals, judged, what }
 }
 
 fn doubted((printhead, what): (String, String), tally: &Tally) -> NotJudged {

@@ -210,7 +210,7 @@ impl JudgeAssignment<'_> {
             return Ok(());
         };
         let judge = self.judges.of(group, &self.groups, burst, read)?;
-        let standing = self.clock(group, burst).hear(burst.t_acq_ns);
+        let standing = self.clock(group, burst).hear(burst);
         let slot = Slot { standing, ..slot };
         if let Some(heads) = &mut self.following {
             heads.hear(group, burst, given);

@@ -74,6 +74,8 @@ pub enum Compression {
 pub struct Burst {
     /// Time t_a of the first sample, ns since the epoch, UTC.
     pub t_acq_ns: i64,
+    /// When it was recorded, ns since the epoch, by the clock of the recorder (MCAP's log time).
+    pub logged_ns: i64,
     pub printhead: Arc<str>,
     /// Channel number of the first row; the next rows count on.
     pub first_channel: u32,

@@ -111,7 +111,7 @@ impl BurstDecoder {
         topic_printhead: &Arc<str>,
     ) -> Acquisition {
         let mut head = unread(log_time_ns, topic_printhead, Reason::Undecodable);
-        match self.burst(message, &mut head) {
+        match self.burst(message, log_time_ns, &mut head) {
             Ok(burst) => Acquisition::Usable(burst),
             Err(NoBurst { why, what }) => {
                 Acquisition::Unusable(UnusableBurst { why, what, ..head })
@@ -119,7 +119,12 @@ impl BurstDecoder {
         }
     }
 
-    fn burst(&mut self, message: Bytes, head: &mut UnusableBurst) -> Result<Burst, NoBurst> {
+    fn burst(
+        &mut self,
+        message: Bytes,
+        logged_ns: i64,
+        head: &mut UnusableBurst,
+    ) -> Result<Burst, NoBurst> {
         self.message.clear();
         self.message.merge(message).map_err(|e| NoBurst::undecodable(e.to_string()))?;
         let message = &mut self.message;
@@ -148,6 +153,7 @@ impl BurstDecoder {
 
         let burst = Burst {
             t_acq_ns: head.t_acq_ns,
+            logged_ns,
             printhead: head.printhead.clone(),
             first_channel: message.first_channel,
             channels: message.channels,

@@ -97,6 +97,10 @@ impl McapFile {
     fn failed(&self, source: mcap::McapError) -> RecordingError {
         match source {
             mcap::McapError::Io(source) => FileError::unwritten(&self.path)(source).into(),
+            // a record that is written cannot fail but by the file system, and the crate hides its error in this one
+            mcap::McapError::Parse(source) => {
+                FileError::unwritten(&self.path)(std::io::Error::other(source.to_string())).into()
+            }
             source => RecordingError::Mcap { path: self.path.clone(), source },
         }
     }

@@ -179,6 +179,7 @@ impl<'a> Conversion<'a> {
             |value: Option<BurstValue>| value.map(|v| v.in_burst(decay)).filter(|x| x.is_finite());
         Ok(Burst {
             t_acq_ns,
+            logged_ns: t_acq_ns,
             printhead,
             first_channel,
             channels,

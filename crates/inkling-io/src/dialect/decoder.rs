@@ -111,6 +111,7 @@ impl DialectDecoder {
         // idle times and neighbours are added after the check, which bounds the number of channels
         let burst = Burst {
             t_acq_ns: head.t_acq_ns,
+            logged_ns: times.log_ns,
             printhead: head.printhead.clone(),
             first_channel: head.first_channel,
             channels,

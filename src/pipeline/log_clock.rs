@@ -1,0 +1,169 @@
+//! The times of a printhead's bursts against those at which they were recorded.
+//!
+//! In: both times of each burst in the order of the file ([`LogClock::hear`]). Out: a clock that was set forward, which
+//! the times of bursts alone do not tell from a pause ([`LogClock::forward`]), and bursts that were dated later than
+//! they were recorded ([`LogClock::ahead_ns`]) or on another day ([`LogClock::dated_apart`]).
+//!
+//! A recorder that writes bursts down as they come leaves a lead, `time of the burst - time of the record`, that is the
+//! same but for delays of transport. So a step is only told between two stretches in which the lead was steady for ten
+//! seconds: what writes in blocks, or copies an archive, has no steady lead and tells nothing of clocks.
+
+use super::numbers::{JUMP_NS, STEADY};
+
+/// Delays of transport, ns; by how much clocks of two devices may differ; and how long a lead lasts that is no accident of buffers.
+const DELAY_NS: u64 = 2_000_000_000;
+const DIFFER_NS: u64 = 60_000_000_000;
+const LASTS_NS: i64 = 10_000_000_000;
+/// 2000-01-01: whatever is dated earlier was dated by a clock that nobody had set.
+pub const YEAR_2000_NS: i64 = 946_684_800_000_000_000;
+
+/// Bursts with one lead.
+#[derive(Clone, Copy, Debug)]
+struct SteadyLead {
+    lead_ns: i64,
+    moments: u32,
+    first_logged_ns: i64,
+    latest_logged_ns: i64,
+    /// The time of its first burst.
+    first_ns: i64,
+}
+
+impl SteadyLead {
+    fn is_long(&self) -> bool {
+        let lasted = self.latest_logged_ns.saturating_sub(self.first_logged_ns);
+        self.moments >= STEADY && lasted >= LASTS_NS
+    }
+}
+
+/// A clock that was set forward: by how much, and the time that the first burst has after it, ns.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Forward {
+    pub by_ns: u64,
+    pub to_ns: i64,
+}
+
+#[derive(Clone, Debug, Default)]
+pub struct LogClock {
+    lead: Option<SteadyLead>,
+    /// Bursts that came last and have another lead.
+    aside: Option<SteadyLead>,
+    forward: Option<Forward>,
+    /// Both times of the burst that was dated nearest to its record, ns.
+    nearest: Option<(i64, i64)>,
+}
+
+impl LogClock {
+    pub fn hear(&mut self, t_ns: i64, logged_ns: i64) {
+        let lead_ns = t_ns.saturating_sub(logged_ns);
+        if self.nearest.is_none_or(|(t, logged)| lead_ns.unsigned_abs() < t.abs_diff(logged)) {
+            self.nearest = Some((t_ns, logged_ns));
+        }
+        let continues = |of: &mut SteadyLead| {
+            let same = of.lead_ns.abs_diff(lead_ns) <= DELAY_NS;
+            if same {
+                of.moments = of.moments.saturating_add(u32::from(logged_ns > of.latest_logged_ns));
+                of.latest_logged_ns = of.latest_logged_ns.max(logged_ns);
+            }
+            same
+        };
+        if self.lead.as_mut().is_some_and(continues) {
+            self.aside = None;
+            return;
+        }
+        if !self.aside.as_mut().is_some_and(continues) {
+            let (first_logged_ns, latest_logged_ns) = (logged_ns, logged_ns);
+            let moments = 1;
+            self.aside = Some(SteadyLead {
+                lead_ns,
+                moments,
+                first_logged_ns,
+                latest_logged_ns,
+                first_ns: t_ns,
+            });
+        }
+        let is_steady = |of: &SteadyLead| self.lead.is_none() || of.is_long();
+        if let Some(aside) = self.aside.take_if(|of| is_steady(of)) {
+            let before = self.lead.replace(aside).filter(SteadyLead::is_long);
+            before.iter().for_each(|before| self.step(before, &aside));
+        }
+    }
+
+    fn step(&mut self, from: &SteadyLead, to: &SteadyLead) {
+        // a clock that runs fast leaves one stretch after the other, each by one delay ahead
+        let by_ns = to.lead_ns.abs_diff(from.lead_ns);
+        let is_larger = self.forward.is_none_or(|largest| by_ns > largest.by_ns);
+        if to.lead_ns > from.lead_ns && by_ns > 2 * DELAY_NS && is_larger {
+            self.forward = Some(Forward { by_ns, to_ns: to.first_ns });
+        }
+    }
+
+    /// The largest step forward that is shorter than those that bursts tell themselves.
+    pub fn forward(&self) -> Option<Forward> {
+        self.forward.filter(|step| step.by_ns <= JUMP_NS as u64)
+    }
+
+    /// By how much, ns, all bursts are dated later than they were recorded, where no two clocks differ that much.
+    pub fn ahead_ns(&self) -> Option<u64> {
+        let (t_ns, logged_ns) = self.nearest?;
+        let ahead_ns = t_ns.abs_diff(logged_ns);
+        let is_ahead = t_ns > logged_ns && logged_ns >= YEAR_2000_NS;
+        (is_ahead && (DIFFER_NS..JUMP_NS as u64).contains(&ahead_ns)).then_some(ahead_ns)
+    }
+
+    /// When the burst that is dated nearest to its record was recorded, ns, if that is another day; where the records
+    /// themselves have times that a clock gave.
+    pub fn dated_apart(&self) -> Option<i64> {
+        let (t_ns, logged_ns) = self.nearest?;
+        let is_apart = t_ns.abs_diff(logged_ns) > JUMP_NS as u64;
+        (is_apart && logged_ns >= YEAR_2000_NS).then_some(logged_ns)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const S: i64 = 1_000_000_000;
+    const BEGAN: i64 = 1_700_000_000 * S;
+
+    /// The clock that has heard a burst a second, for two minutes, whose times are given by those of their records.
+    fn heard(t_of: impl Fn(i64) -> i64, logged: impl Fn(i64) -> i64) -> LogClock {
+        let mut clock = LogClock::default();
+        (0..120).for_each(|i| clock.hear(BEGAN + t_of(i * S), BEGAN + logged(i * S)));
+        clock
+    }
+
+    #[test]
+    fn a_clock_that_is_set_forward_is_told_and_a_pause_is_not() {
+        let by = 1800 * S;
+        let step = |t: i64| if t >= 60 * S { t + by } else { t };
+        let late = |t: i64| t + t % 7 * 10_000_000; // of a transport that takes its time
+        let forward = heard(step, late).forward().unwrap();
+        assert!(forward.by_ns.abs_diff(by as u64) < DELAY_NS, "{forward:?}");
+        assert_eq!(forward.to_ns, BEGAN + 60 * S + by);
+        assert_eq!(heard(step, step).forward(), None);
+        assert_eq!(heard(step, |t| step(late(t))).forward(), None);
+    }
+
+    #[test]
+    fn blocks_that_are_written_later_drift_and_a_lag_are_no_steps() {
+        let now = |t: i64| t;
+        // written down once a minute; half a minute that the network held back; a clock that runs fast by 5 %
+        assert_eq!(heard(now, |t| (t / (60 * S) + 1) * 60 * S).forward(), None);
+        let lag = |t: i64| if (40 * S..70 * S).contains(&t) { 70 * S } else { t };
+        assert_eq!(heard(now, lag).forward(), None);
+        assert_eq!(heard(|t| t + t / 20, now).forward(), None);
+    }
+
+    #[test]
+    fn bursts_of_another_day_than_their_records_are_told() {
+        let uptime = |t: i64| t + 312 * S - BEGAN;
+        assert_eq!(heard(uptime, |t| t).dated_apart().map(|t| t / S), Some((BEGAN + 119 * S) / S));
+        // hours that a recorder waited for the network, and records without times
+        assert_eq!(heard(|t| t, |t| t + 20 * 3600 * S).dated_apart(), None);
+        assert_eq!(heard(|t| t, |_| -BEGAN).dated_apart(), None);
+        let summer_time = |t: i64| t + 3600 * S;
+        assert_eq!(heard(summer_time, |t| t).ahead_ns(), Some(3600 * S as u64));
+        assert_eq!(heard(|t| t, summer_time).ahead_ns(), None);
+    }
+}
