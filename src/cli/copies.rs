@@ -5,6 +5,7 @@
 //! the recording. Another file of the same bursts (compressed otherwise, say) has another digest
 //! and counts; of such files a report says that they overlap in time.
 
+use inkling_io::verdict_reader::VerdictReader;
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -16,16 +17,19 @@ pub struct Table<'a> {
 }
 
 /// For each table, in their order: `None` if it stays, or the sentence to say if it is left out
-/// because another table is of the same recording. Of such tables the one with the most judged
-/// signals stays, and of equal ones the first.
+/// because another table is of the same recording. Of such tables one that can be read stays, of these the one
+/// with the most judged signals, and of equal ones the first.
 pub fn left_out(tables: &[Table]) -> Vec<Option<String>> {
-    let judged = |table: &Table| table.document["counts"]["judged"].as_u64().unwrap_or_default();
+    let worth = |table: &Table| {
+        let is_readable = VerdictReader::open_columns(table.path, &[]).is_ok();
+        (is_readable, table.document["counts"]["judged"].as_u64().unwrap_or_default())
+    };
     // of each recording the table that stays
     let mut stays: BTreeMap<&str, &Table> = BTreeMap::new();
     for table in tables {
         let Some(digest) = digest(table) else { continue };
         let kept = stays.entry(digest).or_insert(table);
-        if judged(table) > judged(kept) {
+        if !std::ptr::eq(*kept, table) && worth(table) > worth(kept) {
             *kept = table;
         }
     }
