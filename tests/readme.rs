@@ -8,10 +8,11 @@ use std::process::Command;
 
 /// The pages whose blocks marked `sh` run, in their order, each page in a fresh copy of what a clone has. Blocks that
 /// need more than that are marked otherwise there.
-const RUN: [&str; 10] = [
+const RUN: [&str; 11] = [
     "README.md",
     "docs/first_ten_minutes.md",
     "docs/your_recordings.md",
+    "docs/labels.md",
     "docs/every_night.md",
     "docs/report.md",
     "docs/live.md",
