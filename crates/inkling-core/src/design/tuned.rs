@@ -1,4 +1,4 @@
-//! All numbers of the room `design` that nobody derived. `docs/numbers.md` tells what half and twice
+//! All numbers of the room `design` that nobody derived. `docs/design/numbers.md` tells what half and twice
 //! of each do.
 
 /// Fewest signals of a window for which the spread of the channels and the thresholds are
