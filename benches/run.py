@@ -1,4 +1,4 @@
-"""Runs `inkling replay` on recordings and prints what docs/performance.md holds, one line each.
+"""Runs `inkling replay` on recordings and prints what docs/design/streaming.md holds, one line each.
 
     python benches/run.py INKLING DESIGN RECORDING... [-- replay options]
 

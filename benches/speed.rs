@@ -1,7 +1,7 @@
 //! The steps of a replay, one by one: `cargo bench --bench speed`.
 //!
 //! Throughputs are in items: a signal of 128 samples, a row, a problem. End to end:
-//! `examples/benchmark_recording.rs` and `docs/performance.md`.
+//! `examples/benchmark_recording.rs` and `docs/design/streaming.md`.
 
 use bytes::Bytes;
 use clarabel::algebra::CscMatrix;

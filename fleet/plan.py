@@ -1,6 +1,6 @@
 """Simulates how long a night's recordings take on a fleet that is larger than any that was measured, and
 prints it for several numbers of executors: `plan.py [--figure FILE.svg] [--recordings N] [--seconds S] ...`.
-It needs nothing but Python. docs/fleet.md tells what was measured, and what is assumed."""
+It needs nothing but Python. fleet/README.md tells what was measured, and what is assumed."""
 
 import argparse
 import heapq

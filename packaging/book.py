@@ -37,7 +37,8 @@ def visit(items):
     for item in items:
         chapter = item.get("Chapter") if isinstance(item, dict) else None
         if chapter:
-            chapter["content"] = relinked(chapter["content"], "docs", ".")
+            of_book = os.path.dirname(chapter["path"]) or "."
+            chapter["content"] = relinked(chapter["content"], os.path.join("docs", of_book), of_book)
             visit(chapter["sub_items"])
 
 

@@ -12,13 +12,13 @@ const RUN: [&str; 10] = [
     "README.md",
     "docs/first_ten_minutes.md",
     "docs/your_recordings.md",
+    "docs/labels.md",
     "docs/every_night.md",
     "docs/report.md",
     "docs/live.md",
     "docs/formats.md",
     "docs/critique.md",
-    "docs/measured.md",
-    "docs/thesis.md",
+    "docs/design/measured.md",
 ];
 
 /// A fenced block of a page: what it is marked as, the line it begins at, its text.
@@ -132,12 +132,17 @@ fn commands_of_readme_and_book_run_as_printed_in_a_clone() {
     assert!(blocks.iter().all(|(_, run)| *run > 0), "a page without commands: {blocks:?}");
 }
 
-/// The names of the book's pages, without the table of contents.
+/// The paths below `docs/` of the book's pages, without the table of contents.
 fn pages_of_book() -> Vec<String> {
-    let files = std::fs::read_dir(root().join("docs")).expect("docs");
-    let names = files.map(|file| file.expect("an entry").file_name().into_string().expect("UTF-8"));
-    let mut pages: Vec<String> =
-        names.filter(|name| name.ends_with(".md") && name != "SUMMARY.md").collect();
+    let of = |below: &str| -> Vec<String> {
+        let files = std::fs::read_dir(root().join("docs").join(below)).expect("a directory");
+        let names =
+            files.map(|file| file.expect("an entry").file_name().into_string().expect("UTF-8"));
+        let pages = names.filter(|name| name.ends_with(".md") && name != "SUMMARY.md");
+        pages.map(|name| format!("{below}{name}")).collect()
+    };
+    let mut pages = of("");
+    pages.extend(of("design/"));
     pages.sort();
     pages
 }

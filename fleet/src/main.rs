@@ -1,5 +1,5 @@
 //! `inkling-fleet`: many machines judge recordings that they all see, each once; Apache DataFusion
-//! Ballista hands them out. `docs/fleet.md` tells how and why.
+//! Ballista hands them out. `docs/fleet.md` tells how, `fleet/README.md` why.
 //!
 //! ```text
 //! submit   what `inkling replay` does, but for judging: plans, hands out, notes in the journal

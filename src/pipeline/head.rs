@@ -7,7 +7,7 @@
 //!
 //! The *level* is where the rings of all healthy channels lie in common: ln amplitude, ln damping,
 //! ln frequency and phase, counted from the *base* ring: that of the design's model of this
-//! printhead, or without a design that of its window's model. The method (docs/state.md)
+//! printhead, or without a design that of its window's model. The method (docs/design/state.md)
 //! stands in `inkling_core::state`; here the state is fed and asked. For each sweep:
 //! 1. A subset of the channels is looked at: a look is the four features of one signal's ring.
 //! 2. The state of the head takes the looks in, and says where the level is, that it does not know, or that

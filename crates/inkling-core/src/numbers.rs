@@ -1,6 +1,6 @@
 //! Numbers that decide something, that nobody derived, and that several rooms use. Those of one room stand in a
-//! table of the room (a file `tuned.rs`; of the state `process.rs`). `docs/numbers.md` tells what half and twice of
-//! each do.
+//! table of the room (a file `tuned.rs`; of the state `process.rs`). `docs/design/numbers.md` tells what half and
+//! twice of each do.
 
 /// Fewest signals, channels or temperatures from which more than their mean is estimated; also
 /// the weight of a more general value.

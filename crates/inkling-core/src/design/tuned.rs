@@ -1,5 +1,5 @@
-//! All numbers of the room `design` that nobody derived. `docs/numbers.md` tells what half and twice
-//! of each do.
+//! All numbers of the room `design` that nobody derived. `docs/design/numbers.md` tells what half
+//! and twice of each do.
 
 /// Fewest signals of a window for which the spread of the channels and the thresholds are
 /// learned from the window; with fewer, those of the model before (the anchor) are used.

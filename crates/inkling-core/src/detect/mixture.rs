@@ -25,7 +25,7 @@
 //! 3. Keep it, and go on with step 2, if the likelihood gains enough by Schwarz's criterion (BIC),
 //!    or where signals are few by Akaike's corrected one.
 //!
-//! The choice of the distributions is heuristic; docs/open_world.md tells what it was tried on.
+//! The choice of the distributions is heuristic; docs/design/measured.md tells what it was tried on.
 
 use super::tuned;
 use crate::model::descent::{Damping, descend};

@@ -1,5 +1,5 @@
 //! All numbers of detection that no calculation gives, with what they were chosen on;
-//! docs/numbers.md tells what half and twice of each do. The first six are of the mixture model of
+//! docs/design/numbers.md tells what half and twice of each do. The first six are of the mixture model of
 //! a window's signals (`mixture.rs`), where s is a signal's squared distance.
 
 /// Faults of any size are uniform in the space of the features up to so many medians of s, and

@@ -9,7 +9,7 @@
 //! channels of one printhead and `channel` one channel. A channel's looks go through the tests of
 //! `evidence` and `intermittent`. What isolation says is gathered in an `episode_draft`, whose class
 //! `classes` filters over time; `channel_episode` makes an [`Episode`] of it by the rules of names
-//! (`rules`), and `explanation` puts it into words. `docs/episodes.md` tells the method.
+//! (`rules`), and `explanation` puts it into words. `docs/design/state.md` tells the method.
 //!
 //! A *look* is one observation of a channel: the statistic of one judged signal. *Flagged* is a
 //! look whose ratio, its statistic over the threshold, exceeds 1.

@@ -2,7 +2,7 @@
 //! tails, levels that wander, classes that are not certain. Healthy channels are played to `Evidence`,
 //! classes to `ClassFilter`, flags to `Flags`, each by itself.
 //!
-//! The table of `docs/episodes.md` has what half and twice of each number did here.
+//! The table of `docs/design/numbers.md` has what half and twice of each number did here.
 
 use super::classes::ClassFilter;
 use super::evidence::{Evidence, Step};

@@ -1,5 +1,5 @@
 //! The numbers of episodes that nobody derived: of the sequential test (`evidence`), of the class
-//! filter (`classes`) and of the test for faults that come and go (`intermittent`). `docs/episodes.md`
+//! filter (`classes`) and of the test for faults that come and go (`intermittent`). `docs/design/numbers.md`
 //! tells what half and twice of each do. Some more stand in `evidence.rs`.
 
 /// The shift to detect, in standard deviations of a look: 1 gave six false episodes in eleven

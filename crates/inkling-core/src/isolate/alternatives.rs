@@ -12,7 +12,7 @@
 //! w   = sum of weight_j + no_class: the weight of all that is no class
 //! ```
 //!
-//! The weights are heuristic; `docs/names.md` tells on what they were chosen.
+//! The weights are heuristic; `docs/design/isolation.md` tells on what they were chosen.
 
 use super::fault_curve::{HealthySpread, Node};
 use super::posterior::ROUNDED_AWAY;

@@ -1,4 +1,4 @@
-//! All numbers of naming and sizing faults that no calculation gives; docs/numbers.md tells what
+//! All numbers of naming and sizing faults that no calculation gives; docs/design/numbers.md tells what
 //! half and twice of each do. "Features" are ln amplitude, ln
 //! damping, ln frequency and phase (rad), in this order; "rates" are a, b, g, d.
 

@@ -9,7 +9,7 @@
 //! fault, has its old fault again, or was replaced. Expectation-maximisation alternates between (1)
 //! the probability of each hypothesis for each look, with how frequent faults are in this sweep
 //! ([`Odds`]), and (2) the h that is the mean of prior and looks, weighted by their probability of
-//! being healthy (formula in `docs/state.md`, "The model").
+//! being healthy (formula in `docs/design/state.md`, "The model").
 
 use super::channel::{Channel, Responsibility, wide};
 use super::kind::{Features, Kind};

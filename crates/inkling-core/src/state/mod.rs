@@ -3,7 +3,7 @@
 //!
 //! In: sweep by sweep, looks at channels' rings (ln amplitude, ln damping, ln frequency, phase)
 //! from one base ring. Out: the head's *level*, what all channels have in common; each channel's
-//! offset from there; whether the head is the one that it was. The model: `docs/state.md`.
+//! offset from there; whether the head is the one that it was. The model: `docs/design/state.md`.
 //!
 //! `head` holds the state and the order of the steps of a sweep, `level` finds the level that
 //! explains it, `channel` is what is known of one channel, `ageing` tells slow faults from channels

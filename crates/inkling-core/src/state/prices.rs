@@ -1,7 +1,7 @@
 //! What the numbers of `process.rs` are worth on nights that the state's model does not draw: levels
 //! swing and step, channels differ from day to day by Student's t, faults begin at once or grow.
 //!
-//! The table of `docs/state.md` has what half and twice of each number did here. A look is
+//! The table of `docs/design/numbers.md` has what half and twice of each number did here. A look is
 //! called flagged here if its squared distance from its channel's own level exceeds `BOUND`, or if
 //! the channel's level has drifted; a design's judge decides by more than that.
 

@@ -1,5 +1,5 @@
 //! The numbers of the state's model that nobody derived, as a table, and below it bounds and times.
-//! *Process* is how levels and channels move and become faulty. `docs/state.md` tells what half and
+//! *Process* is how levels and channels move and become faulty. `docs/design/numbers.md` tells what half and
 //! twice of each number do. "Of one look": 1 in the canonical coordinates of `kind.rs`.
 
 /// How far a head's level wanders from sweep to sweep: variance, in that of one look at a

@@ -228,7 +228,7 @@ const WHOLE_COUNTS: InDecays = InDecays::Needs("many bursts of whole counts");
 /// To add a cause, add: its identifier and its row, here; its test, in the file of what it acts through
 /// (`candidates/shapes.rs`, `lines.rs` or `follows.rs`, `ensemble`, `jitter`, `codes`); if it acts in a way
 /// of its own, the arm of that way in `candidates/mod.rs`, or the term in `unmodelled.rs`; a signal that has
-/// it in `generator.rs`, for the tests; and a line of `docs/critique_assumptions.md`. Long decays (`decay/`)
+/// it in `generator.rs`, for the tests; and a line of `docs/design/critique.md`. Long decays (`decay/`)
 /// need nothing if the row's `in_decays` says what these lack.
 #[rustfmt::skip]
 pub static CATALOGUE: [Entry; 22] = [

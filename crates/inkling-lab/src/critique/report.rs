@@ -12,7 +12,7 @@ use super::finding::{
 use super::pictures;
 use crate::plot::page::{escaped, list, note, page, section, sentence, table};
 
-/// Explains the columns of the causes' table. The counts of recordings are those of `docs/hidden_effects.md`.
+/// Explains the columns of the causes' table. The counts of recordings are those of `docs/design/measured.md`.
 const OF_CAUSES: &str = "Strength in DL, detection limits: 1 DL is the size at which a test of this one \
     effect alone would find it in 90 of 100 recordings. Among all candidates it was found in 33 of 64 \
     simulated recordings at 1 DL, in 157 of 157 from 2 DL on. Delta BIC, Bayesian information criterion \

@@ -8,7 +8,7 @@
 //! * `7.8`: seeds 7 800 000 to 7 830 031 and 810 000 to 840 039 of both;
 //! * `-`: nobody wrote down what it was tuned on.
 //!
-//! What is measured on other seeds stands in `docs/hidden_effects.md`.
+//! What is measured on other seeds stands in `docs/design/measured.md`.
 
 // when a cause is there, and which
 

@@ -1,6 +1,6 @@
 //! Scores episodes against the labels: which labelled faults were found, how soon, and which
 //! episodes were raised without a fault. An episode is a fault of one channel that inkling found
-//! over several bursts (`docs/episodes.md`).
+//! over several bursts (`docs/design/state.md`).
 //!
 //! In, from `inkling score`: the labels, then the episodes of all recordings (`add_episode`), and
 //! then their judged signals (`add_signal`), both in any order. Out: an `EpisodesReport`. The steps:
