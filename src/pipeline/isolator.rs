@@ -117,7 +117,9 @@ impl<'a> Isolator<'a> {
                         statistic: &statistic[signals],
                         id: Id { t_ns, printhead, channel: burst.first_channel },
                     };
+                    let from = judged.verdicts.rows.len();
                     self.judge_burst(&gated, &mut judged);
+                    rows::add_recorded(&mut judged.verdicts.rows, from, burst);
                 }
             }
         }
@@ -141,7 +143,7 @@ impl<'a> Isolator<'a> {
                 let left = &rows.verdicts.tests.healthy[here..of.first + of.statistic.len()];
                 let healthy = left.iter().take_while(|healthy| **healthy).count();
                 if healthy > 0 {
-                    let run = rows::healthy_run(id(row), here..here + healthy, judge);
+                    let run = rows::healthy_run(id(row), here..here + healthy, of.burst, judge);
                     rows.verdicts.parts.push(run);
                     row += healthy;
                     continue;

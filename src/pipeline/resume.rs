@@ -22,7 +22,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 /// Version of the tables; raised when the same recording, design and settings give other columns.
-pub const TABLES_VERSION: u32 = 4;
+pub const TABLES_VERSION: u32 = 5;
 /// Maximum bytes of a summary that is read to learn whose it is.
 const MOST_SUMMARY_BYTES: u64 = 64 << 20;
 const MOST_NAMED: usize = 3;

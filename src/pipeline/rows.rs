@@ -5,6 +5,7 @@
 //! After each row all columns but those of weights are equally long: `fill_up` adds the nulls.
 
 use super::batches::Detected;
+use inkling_core::burst::Burst;
 use inkling_core::design::{Isolation, Judge, Severity, Tested, Thresholds};
 use inkling_core::isolate::Likeness;
 use inkling_core::verdict::{HealthyRun, Outcome, Part, Reason, Test, Tests, VerdictColumns};
@@ -115,8 +116,14 @@ pub fn test(judge: Option<&Judge>, found: &[Detected], tests: &mut Tests) {
     }
 }
 
+/// Adds what was recorded with a burst to its rows, those from `from` on.
+pub fn add_recorded(columns: &mut VerdictColumns, from: usize, burst: &Burst) {
+    columns.temperature_c[from..].fill(burst.temperature_c.map(|t| t as f32));
+    columns.drive_voltage_v[from..].fill(burst.drive_voltage_v.map(|v| v as f32));
+}
+
 /// A run of neighbouring healthy signals of a burst. `signals`: their indices in the batch.
-pub fn healthy_run(first: Id, signals: Range<usize>, judge: &Judge) -> Part {
+pub fn healthy_run(first: Id, signals: Range<usize>, burst: &Burst, judge: &Judge) -> Part {
     let Thresholds { along, of_ring, beside } = judge.thresholds();
     Part::Healthy(HealthyRun {
         t_ns: first.t_ns,
@@ -127,6 +134,8 @@ pub fn healthy_run(first: Id, signals: Range<usize>, judge: &Judge) -> Part {
         along,
         threshold: of_ring as f32,
         beside: beside as f32,
+        temperature_c: burst.temperature_c.map(|t| t as f32),
+        drive_voltage_v: burst.drive_voltage_v.map(|v| v as f32),
     })
 }
 

@@ -58,7 +58,12 @@ fn array(
         Cells::Time(at) => times(at.of(rows).iter().copied().map(Some), options.timestamp_unit),
         Cells::Channel(at) => Arc::new(UInt32Array::from(at.of(rows).to_vec())),
         Cells::Model(at) => Arc::new(UInt16Array::from(at.of(rows).to_vec())),
-        Cells::Statistic(at) | Cells::Threshold(at) | Cells::Misfit(at) | Cells::Number(at) => {
+        Cells::Statistic(at)
+        | Cells::Threshold(at)
+        | Cells::Misfit(at)
+        | Cells::Temperature(at)
+        | Cells::Drive(at)
+        | Cells::Number(at) => {
             // NaN becomes null, as in the file
             let numbers = at.of(rows).iter().map(|number| number.filter(|v| !v.is_nan()));
             Arc::new(numbers.collect::<Float32Array>())

@@ -126,7 +126,9 @@ fn push_runs(out: &mut RunColumn, cells: &Cells, of: &Verdicts) -> Result<()> {
             Some(out.key(&column::text(name)))
         }
         // Parquet has no 16-bit integers: models take four bytes, too
-        Cells::Model(_) | Cells::Threshold(_) => key.map(|key| out.key(&key.to_le_bytes())),
+        Cells::Model(_) | Cells::Threshold(_) | Cells::Temperature(_) | Cells::Drive(_) => {
+            key.map(|key| out.key(&key.to_le_bytes()))
+        }
         _ => key,
     };
     for part in &of.parts {

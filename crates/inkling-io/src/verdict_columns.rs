@@ -44,6 +44,7 @@ pub fn schema(options: &TableOptions) -> Schema {
             Cells::Channel(_) => DataType::UInt32,
             Cells::Model(_) => DataType::UInt16,
             Cells::Statistic(_) | Cells::Threshold(_) => DataType::Float32,
+            Cells::Temperature(_) | Cells::Drive(_) => DataType::Float32,
             Cells::Misfit(_) | Cells::Number(_) => DataType::Float32,
             Cells::Weights => DataType::FixedSizeList(weight_field(), options.classes.len() as i32),
         };

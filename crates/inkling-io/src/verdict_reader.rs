@@ -115,7 +115,12 @@ impl VerdictReader {
             Cells::Test(at) => *at.of_mut(c) = of.parsed(Test::of)?,
             Cells::Reason(at) => *at.of_mut(c) = of.parsed(Reason::of)?,
             Cells::Model(at) => *at.of_mut(c) = of.whole()?,
-            Cells::Statistic(at) | Cells::Threshold(at) | Cells::Misfit(at) | Cells::Number(at) => {
+            Cells::Statistic(at)
+            | Cells::Threshold(at)
+            | Cells::Misfit(at)
+            | Cells::Temperature(at)
+            | Cells::Drive(at)
+            | Cells::Number(at) => {
                 *at.of_mut(c) = of.floats()?;
             }
             Cells::Weights => (c.weights_start, c.weights) = of.lists()?,

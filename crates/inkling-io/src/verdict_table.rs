@@ -293,6 +293,8 @@ pub(super) mod tests {
                     Cells::Statistic(at)
                     | Cells::Threshold(at)
                     | Cells::Misfit(at)
+                    | Cells::Temperature(at)
+                    | Cells::Drive(at)
                     | Cells::Number(at) => at.of_mut(&mut c).push(number),
                     Cells::Recording => {}
                     Cells::Weights => {
@@ -332,6 +334,8 @@ pub(super) mod tests {
                 model: rng.random_range(0..3),
                 along: Test::Ring,
                 threshold: 18.5,
+                temperature_c: rng.random_bool(0.8).then_some(31.0 + batch as f32),
+                drive_voltage_v: Some(27.5),
                 beside: 11.0 + f32::from(rng.random_range(0..2u8)),
             }));
         }

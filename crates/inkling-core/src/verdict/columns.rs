@@ -38,6 +38,9 @@ pub enum Cells {
     /// The threshold of that test, which is the same over many rows.
     Threshold(CellsAt<Option<f32>>),
     Misfit(CellsAt<Option<f32>>),
+    /// As recorded with the burst, the same for all of its rows: temperature, and voltage of the drive.
+    Temperature(CellsAt<Option<f32>>),
+    Drive(CellsAt<Option<f32>>),
     Number(CellsAt<Option<f32>>),
     /// One number per class: `weights` from `weights_start` on.
     Weights,
@@ -62,7 +65,9 @@ impl Cells {
             }
             Cells::Test(at) => at.of(of)[row].map(|test| test as u32),
             Cells::Reason(at) => at.of(of)[row].map(|reason| reason as u32),
-            Cells::Threshold(at) => at.of(of)[row].map(f32::to_bits),
+            Cells::Threshold(at) | Cells::Temperature(at) | Cells::Drive(at) => {
+                at.of(of)[row].map(f32::to_bits)
+            }
             _ => None,
         }
     }
@@ -163,6 +168,8 @@ columns! {
         damping_per_s: f32, Number "damping_per_s";
         model: u16, Model "model";
         reason: Reason, Reason "reason";
+        temperature_c: f32, Temperature "temperature_c";
+        drive_voltage_v: f32, Drive "drive_voltage_v";
     }
 }
 

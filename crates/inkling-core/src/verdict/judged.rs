@@ -52,6 +52,9 @@ pub struct HealthyRun {
     pub along: Test,
     pub threshold: f32,
     pub beside: f32,
+    /// As recorded with the burst.
+    pub temperature_c: Option<f32>,
+    pub drive_voltage_v: Option<f32>,
 }
 
 impl HealthyRun {
@@ -65,6 +68,8 @@ impl HealthyRun {
             Cells::Model(_) => [Some(self.model.into()); 2],
             Cells::Test(_) => [self.along, Test::Misfit].map(|test| Some(test as u32)),
             Cells::Threshold(_) => [self.threshold, self.beside].map(|value| Some(value.to_bits())),
+            Cells::Temperature(_) => [self.temperature_c.map(f32::to_bits); 2],
+            Cells::Drive(_) => [self.drive_voltage_v.map(f32::to_bits); 2],
             _ => [None; 2],
         }
     }
@@ -81,6 +86,8 @@ impl HealthyRun {
             to.test.push(Some(if beside { Test::Misfit } else { self.along }));
             to.misfit.push(Some(misfit).filter(|misfit| !misfit.is_nan()));
             to.model.push(Some(self.model));
+            to.temperature_c.push(self.temperature_c);
+            to.drive_voltage_v.push(self.drive_voltage_v);
             to.fill_up();
         }
         to.weights_start.resize(to.len(), None);
