@@ -40,7 +40,7 @@
 //! 0  numbers                         what nobody derived and several rooms use
 //! ```
 //!
-//! `docs/glossary.md` explains the words that the field does not have.
+//! `docs/design/README.md` explains the words that the field does not have.
 //!
 //! # The walk
 //!

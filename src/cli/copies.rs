@@ -5,8 +5,10 @@
 //! the recording. Another file of the same bursts (compressed otherwise, say) has another digest
 //! and counts; of such files a report says that they overlap in time.
 
+use inkling_io::stored;
 use inkling_io::verdict_reader::VerdictReader;
 use serde_json::Value;
+use std::cmp::Reverse;
 use std::collections::BTreeMap;
 use std::path::Path;
 
@@ -18,11 +20,13 @@ pub struct Table<'a> {
 
 /// For each table, in their order: `None` if it stays, or the sentence to say if it is left out
 /// because another table is of the same recording. Of such tables one that can be read stays, of these the one
-/// with the most judged signals, and of equal ones the first.
+/// with the most judged signals, and of equal ones the oldest: earlier nights were told by its name.
 pub fn left_out(tables: &[Table]) -> Vec<Option<String>> {
     let worth = |table: &Table| {
         let is_readable = VerdictReader::open_columns(table.path, &[]).is_ok();
-        (is_readable, table.document["counts"]["judged"].as_u64().unwrap_or_default())
+        let judged = table.document["counts"]["judged"].as_u64().unwrap_or_default();
+        let made_ns = stored::stamp(table.path).ok().and_then(|stamp| stamp.modified_ns);
+        (is_readable, judged, Reverse(made_ns))
     };
     // of each recording the table that stays
     let mut stays: BTreeMap<&str, &Table> = BTreeMap::new();

@@ -63,7 +63,7 @@ impl Failure {
 impl From<FileError> for Failure {
     fn from(e: FileError) -> Failure {
         match e {
-            FileError::Write { .. } | FileError::Failed { .. } => Failure::new(e),
+            FileError::Write { .. } | FileError::Failed { .. } => Failure::new(with_advice(&e)),
             FileError::Read { .. } | FileError::Mistaken { .. } => Failure::usage(e),
         }
     }
@@ -96,7 +96,7 @@ impl From<RecordingError> for Failure {
 impl From<io::Error> for Failure {
     fn from(e: io::Error) -> Failure {
         let exit = if e.kind() == ErrorKind::BrokenPipe { Exit::Done } else { Exit::Failed };
-        Failure { exit, message: format!("cannot write the result: {e}") }
+        Failure { exit, message: format!("cannot write the result: {}", with_advice(&e)) }
     }
 }
 
@@ -120,6 +120,12 @@ pub fn in_words(e: &(dyn Error + 'static)) -> String {
     let is_too_large = kind(e) == Some(ErrorKind::FileTooLarge);
     let what = "; no larger file may be written here (see `ulimit -f`)";
     format!("{e}{}", if is_too_large { what } else { "" })
+}
+
+/// The same, for an error that ends the command.
+fn with_advice(e: &(dyn Error + 'static)) -> String {
+    let full = if no_room(e) { "; make room there, and run it again" } else { "" };
+    format!("{}{full}", in_words(e))
 }
 
 /// The kind of the first I/O error in the chain of causes.

@@ -45,7 +45,7 @@ pub struct Args {
     /// Directory for a plot of measured against simulated per printhead (SVG, CSV)
     #[arg(long, value_name = "DIR")]
     plot: Option<PathBuf>,
-    /// Also which faults a filter of method I can see, and where it is blind
+    /// Also which faults the thesis's simplest filter (method I) can detect, and which not
     #[arg(long)]
     detectability: bool,
     /// Settings file

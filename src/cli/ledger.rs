@@ -52,6 +52,9 @@ const NO_PLACE: &str = "it was judged by the state of --baseline as that is now,
     has learned from it, or from later recordings, before. Remove the file of the state to have all judged again in \
     their order";
 
+const MISDATED: &str = "most of its bursts are dated on another day than they were recorded on: it was judged by the state \
+    of --baseline as that is now, and taught it nothing";
+
 /// Why the run ends early, or how the single recording of a run of one failed.
 #[derive(Debug)]
 pub struct Stop {
@@ -129,7 +132,8 @@ impl Ledger<'_> {
             return Ok(None);
         }
         if !job.teaches {
-            judged.entry.warnings.push(told(NO_PLACE.into()));
+            let why = if job.source.misdated { MISDATED } else { NO_PLACE };
+            judged.entry.always.push(told(why.into()));
             let now = Link { before: file.digest(), after: file.digest() };
             judged.entry.baseline = Some(job.link.clone().unwrap_or(now));
             return Ok(None);

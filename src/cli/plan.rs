@@ -26,7 +26,8 @@ use inkling_io::job::{Decision, Job, JudgeReason};
 use inkling_io::journal::{Journal, Link, Outcome};
 use inkling_io::layout::{self, Layout};
 use inkling_io::recording::Recording;
-use inkling_io::{Limits, digest, part_file, stored, when};
+use inkling_io::when::{self, Begin};
+use inkling_io::{Limits, digest, part_file, stored};
 use serde_json::json;
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::{self, Write};
@@ -151,6 +152,7 @@ impl Planner<'_> {
                 Decision::Refuse(_) => None,
                 Decision::Finished { entry, .. } if entry.by_content => None,
                 Decision::Finished { entry, .. } if entry.recording.starts_at_ns.is_some() => {
+                    job.source.misdated = entry.recording.misdated;
                     entry.recording.starts_at_ns
                 }
                 _ => {
@@ -158,7 +160,8 @@ impl Planner<'_> {
                     if is_unread && !job.failed_before() {
                         unread.get_or_insert(job.label());
                     }
-                    begin
+                    job.source.misdated = begin.is_some_and(|begin| begin.is_misdated);
+                    begin.map(|begin| begin.t_ns)
                 }
             };
         }
@@ -181,19 +184,20 @@ impl Planner<'_> {
                 chained[..last].iter_mut().for_each(|job| job.teaches = false);
             }
         }
+        chained.iter_mut().filter(|job| job.source.misdated).for_each(|job| job.teaches = false);
         chained.extend(others);
         Ok((chained, unread))
     }
 
     /// When a recording begins, and whether it could not be read although it is there; its printheads are noted
     /// if they are asked for. The error of one without a begin is told when it is judged.
-    fn begin(&self, job: &mut Job) -> Result<(Option<i64>, bool), Failure> {
+    fn begin(&self, job: &mut Job) -> Result<(Option<Begin>, bool), Failure> {
         let opened = Recording::open_with(&job.input.path, Limits::default(), self.dialects);
         let recording = match opened {
             Ok(recording) => recording,
             Err(e) => return Ok((None, !PipelineError::from(e).is_of_content())),
         };
-        let begin = when::begins_ns(&recording, || self.control.check())?;
+        let begin = when::begin(&recording, || self.control.check())?;
         if self.printheads {
             job.printheads =
                 chain::printheads(Pass { recording: &recording, control: self.control })?;

@@ -37,12 +37,11 @@ pub fn print(report: &RecordingReport, detail: Detail, out: &mut impl Write) -> 
 
 /// Prints the counts of signals and the speed, and what was rejected.
 fn print_counts(report: &RecordingReport, out: &mut impl Write) -> io::Result<()> {
-    let (counts, seconds, models) = (&report.tally.counts, report.seconds, report.models);
+    let (counts, seconds) = (&report.tally.counts, report.seconds);
     let rate = (counts.signals as f64 / seconds.max(1e-9)) as u64;
     let [signals, bursts, rate] = [counts.signals, counts.bursts, rate].map(thousands);
     writeln!(out, "{}", printable_path(&report.name))?;
-    write!(out, "  {signals} signals in {bursts} bursts, {models} models, ")?;
-    writeln!(out, "{seconds:.1} s, {rate} signals/s")?;
+    writeln!(out, "  {signals} signals in {bursts} bursts, {seconds:.1} s, {rate} signals/s")?;
     if let Some(paced) = report.paced {
         let behind_s = paced.behind.as_secs_f64();
         writeln!(out, "  at the pace that was asked for, at most {behind_s:.3} s behind")?;

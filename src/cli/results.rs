@@ -10,7 +10,7 @@ use super::exit::Failure;
 use super::lost;
 use super::progress::Progress;
 use crate::pipeline::Control;
-use crate::report::{Names, Report, ReportSettings, Source, Survey};
+use crate::report::{Clocks, Names, Report, ReportSettings, Source, Survey};
 use inkling_core::verdict::VerdictColumns;
 use inkling_io::inputs::Input;
 use inkling_io::objects::in_object_store;
@@ -118,9 +118,9 @@ pub fn read(
         found.iter().map(|(path, source)| Table { path, document: &source.document }).collect();
     let (left_out, mut copies) = (copies::left_out(&tables), Vec::new());
 
-    // 3. the episodes of those that stay; a recording has the same index in all three lists
+    // 3. the episodes of those that stay; a recording has the same index in all lists
     let (mut sources, mut episodes, mut files) = (Vec::new(), Vec::new(), Vec::new());
-    let mut classes = BTreeSet::new();
+    let (mut classes, mut clocks) = (BTreeSet::new(), Vec::new());
     for ((path, mut source), left_out) in found.into_iter().zip(left_out) {
         if let Some(note) = left_out {
             copies.push(note);
@@ -128,7 +128,11 @@ pub fn read(
         }
         let named = source.document["classes"].as_array().into_iter().flatten();
         classes.extend(named.filter_map(|class| Some(class.as_str()?.to_owned())));
-        episodes.push(episodes_of(path, &mut source, &mut failed));
+        let of_recording = Clocks::of(&source.document);
+        let mut found = episodes_of(path, &mut source, &mut failed);
+        of_recording.put_right(&mut found);
+        clocks.push(of_recording);
+        episodes.push(found);
         sources.push(source);
         files.push(path);
     }
@@ -144,7 +148,8 @@ pub fn read(
             scope.spawn(move || read_all(files, control, &send));
             for batch in receive.into_iter().take_while(|_| !control.interrupted()) {
                 match batch {
-                    Ok(VerdictBatch { recording, columns, classes, categories }) => {
+                    Ok(VerdictBatch { recording, mut columns, classes, categories }) => {
+                        clocks[recording].put_rows_right(&mut columns);
                         let names = Names { classes: &classes, categories: &categories };
                         survey.add(recording, &columns, names);
                     }

@@ -37,7 +37,7 @@ pub struct Args {
     /// Settings file: how the recordings are read
     #[arg(long, value_name = "FILE", requires = "recordings")]
     config: Option<PathBuf>,
-    /// Factor of the threshold (3-4) on the recordings' largest healthy energy [default: 1]
+    /// The threshold is this times the largest residual energy of the healthy signals (thesis 3-4) [default: 1]
     #[arg(long, value_name = "MU", requires = "recordings", value_parser = factor)]
     mu: Option<f64>,
     /// Directory for tables and figures

@@ -293,12 +293,12 @@ fn document(args: &Args, learned: &TrainedDesign) -> serde_json::Value {
     })
 }
 
-/// Prints the result: counts of signals, the classes, the pooled model and its threshold.
+/// Prints the result: counts of signals, the classes, the model of all printheads and its threshold.
 fn tell(args: &Args, learned: &TrainedDesign) -> std::io::Result<()> {
     let TrainedDesign { design, reviews, unused, .. } = learned;
     let mut out = output::report();
-    let (models, classes) = (design.models.len() + 1, design.classes.len());
-    writeln!(out, "{}: {models} models, {classes} classes", args.out.display())?;
+    let (printheads, classes) = (design.models.len(), design.classes.len());
+    writeln!(out, "{}: {printheads} printheads, {classes} classes", args.out.display())?;
     for (label, n) in &design.signals {
         writeln!(out, "  {:>10} {}", thousands(*n), printable(label))?;
     }
@@ -307,7 +307,7 @@ fn tell(args: &Args, learned: &TrainedDesign) -> std::io::Result<()> {
     }
     tell_classes(reviews, &mut out)?;
     let Poles { frequency_hz, damping_per_s, lambda_per_s } = design.pooled.identification.poles;
-    write!(out, "  pooled model: resonance {:.3} kHz, ", frequency_hz / 1e3)?;
+    write!(out, "  all printheads together: resonance {:.3} kHz, ", frequency_hz / 1e3)?;
     writeln!(out, "damping {damping_per_s:.4e} 1/s, real pole {lambda_per_s:.3e} 1/s")?;
     let t = &design.pooled.threshold;
     let unit = match design.detect.method {

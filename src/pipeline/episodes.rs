@@ -8,10 +8,14 @@
 //! together into bursts again ([`Looks`]: for each channel the statistic over its threshold), with what isolation
 //! says of the flagged signals. There are two trackers where somebody watches: the table's, which waits for
 //! bursts that come late, and one that tells at once, which `replay::EpisodeAnnouncer` later corrects.
+//!
+//! Whether late bursts are of a clock that was set back shows only with those that follow. Until then they are held
+//! ([`Held`]): they belong to the stretch that begins, or else to the one that goes on.
 
 use super::Result;
 use super::batches::{FlaggedSignal, JudgedBatch};
 use super::head_clock::Standing;
+use super::numbers::STEADY;
 use super::rows::Id;
 use super::run::{EpisodeEvent, Replay, Watch};
 use inkling_core::design::{Design, HealthyModel, OwnChannels};
@@ -25,12 +29,16 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 const MOST_LISTED: usize = 1 << 14;
+/// Most signals of a printhead that are held: what a head of 65,536 channels leaves until its clock counts as set.
+const MOST_HELD: usize = 1 << 19;
 
 pub struct EpisodeTap<'a> {
     tracker: Tracker,
     /// Where somebody watches: a second tracker, which raises episodes at once.
     watched: Option<(&'a Watch<'a>, Tracker)>,
     table: Option<EpisodeWriter>,
+    /// Late bursts, by printhead.
+    held: BTreeMap<Arc<str>, Held>,
     /// The models of the judges met so far, with which signals are compared, by number.
     models: BTreeMap<u16, Arc<HealthyModel>>,
     listed: Vec<Episode>,
@@ -72,6 +80,7 @@ impl<'a> EpisodeTap<'a> {
             tracker: tracker(),
             watched: watch.map(|watch| (watch, tracker().at_once())),
             table,
+            held: BTreeMap::new(),
             models: BTreeMap::new(),
             listed: Vec::new(),
         })
@@ -115,14 +124,24 @@ impl<'a> EpisodeTap<'a> {
         for burst in bursts {
             match judged.standing(burst.at.t_ns, burst.at.printhead) {
                 Standing::Stray => continue,
+                Standing::Late => {
+                    let (printhead, looks) = self.looks(burst, &c.printheads, &judged.own);
+                    if let Some(given_up) = self.hold(&printhead, looks) {
+                        self.look_at_all(&printhead, given_up);
+                    }
+                    continue;
+                }
                 // once for all messages of the moment
                 Standing::Set if set != Some((burst.looks.t_ns, burst.at.printhead)) => {
                     set = Some((burst.looks.t_ns, burst.at.printhead));
                     self.begin_anew(&c.printheads[burst.at.printhead as usize]);
                 }
-                Standing::Set | Standing::InOrder | Standing::Late => {}
+                Standing::Set | Standing::InOrder => {}
             }
-            self.look_at(burst, &c.printheads, &judged.own);
+            let (printhead, looks) = self.looks(burst, &c.printheads, &judged.own);
+            let late = self.held.remove(&printhead).map(|held| held.bursts);
+            self.look_at_all(&printhead, late.unwrap_or_default());
+            self.look_at(&printhead, looks);
         }
         list(&mut self.listed, &mut self.table, self.tracker.take_ended())
     }
@@ -170,13 +189,24 @@ impl<'a> EpisodeTap<'a> {
         self.tracker.begin_anew(printhead);
     }
 
-    /// Announces what the burst raises or ends. `own`: as in [`JudgedBatch::own`].
-    fn look_at(
-        &mut self,
+    /// Holds a late burst. Gives those that are held if they are more than a clock that is set would leave.
+    fn hold(&mut self, printhead: &Arc<str>, looks: Looks) -> Option<Vec<Looks>> {
+        let held = self.held.entry(printhead.clone()).or_default();
+        let is_next_moment = held.bursts.last().is_none_or(|last| last.t_ns != looks.t_ns);
+        held.moments += u32::from(is_next_moment);
+        held.signals += looks.ratios.len();
+        held.bursts.push(looks);
+        let are_many = held.moments >= STEADY || held.signals > MOST_HELD;
+        are_many.then(|| self.held.remove(printhead).map(|held| held.bursts)).flatten()
+    }
+
+    /// A burst as the trackers take it. `own`: as in [`JudgedBatch::own`].
+    fn looks(
+        &self,
         burst: OpenBurst,
         printheads: &[Arc<str>],
         own: &[(i64, u32, Arc<OwnChannels>)],
-    ) {
+    ) -> (Arc<str>, Looks) {
         let OpenBurst { at, model, mut looks } = burst;
         let printhead = &printheads[at.printhead as usize];
         // a burst has one model; where all its signals were rejected, nothing is asked of it
@@ -189,7 +219,15 @@ impl<'a> EpisodeTap<'a> {
         if let Some((_, _, own)) = own {
             looks.own = own.from(first, n).map(|level| level.is_some()).collect();
         }
+        (printhead.clone(), looks)
+    }
 
+    fn look_at_all(&mut self, printhead: &Arc<str>, bursts: Vec<Looks>) {
+        bursts.into_iter().for_each(|looks| self.look_at(printhead, looks));
+    }
+
+    /// Announces what the burst raises or ends.
+    fn look_at(&mut self, printhead: &Arc<str>, looks: Looks) {
         if let Some((watch, tracker)) = &mut self.watched {
             tracker.push(printhead, looks.clone());
             let (raised, ended) = (tracker.take_raised(), tracker.take_ended());
@@ -200,7 +238,10 @@ impl<'a> EpisodeTap<'a> {
     }
 
     /// Ends the recording: episodes that are still on have no end. The table is not complete yet.
-    pub fn finish(self) -> Result<(EpisodeReport, Option<EpisodeWriter>)> {
+    pub fn finish(mut self) -> Result<(EpisodeReport, Option<EpisodeWriter>)> {
+        for (printhead, held) in std::mem::take(&mut self.held) {
+            self.look_at_all(&printhead, held.bursts);
+        }
         let EpisodeTap { tracker, mut table, mut listed, .. } = self;
         let TrackerResult { last, counts, untimely } = tracker.finish();
         list(&mut listed, &mut table, last)?;
@@ -220,6 +261,14 @@ fn list(
         Some(table) if !episodes.is_empty() => Ok(table.write(episodes)?),
         _ => Ok(()),
     }
+}
+
+/// Late bursts of a printhead in a row, in the order of the file.
+#[derive(Default)]
+struct Held {
+    bursts: Vec<Looks>,
+    moments: u32,
+    signals: usize,
 }
 
 struct OpenBurst {

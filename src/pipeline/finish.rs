@@ -32,7 +32,11 @@ impl Run<'_> {
     ///
     /// # Errors
     /// The recording holds no bursts, labels do not fit it, rows are missing, or a file cannot be written.
-    pub fn report(&self, results: StageResults, phases: &mut Phases) -> Result<RecordingReport> {
+    pub fn report(
+        &self,
+        mut results: StageResults,
+        phases: &mut Phases,
+    ) -> Result<RecordingReport> {
         // 1. the recording and what the stages left
         let finishing = Instant::now();
         let Run { replay, recording, verdicts, control, .. } = *self;
@@ -43,6 +47,7 @@ impl Run<'_> {
         let closed = recording.is_growing().then(|| recording.closed(&dialects)).transpose()?;
         let recording = closed.as_ref().unwrap_or(recording);
         let StageResults { mut judges, mut tally, table, episodes, moved, digest, .. } = results;
+        let wrong_times = results.clocks.iter_mut().flat_map(HeadClock::wrong_times).collect();
         let odd_times: Vec<NotJudged> =
             results.clocks.into_iter().filter_map(HeadClock::told).collect();
 
@@ -82,6 +87,7 @@ impl Run<'_> {
             not_judged: Vec::new(),
             unread: Vec::new(),
             odd_times,
+            wrong_times,
             moved,
             warnings,
             head_changes,

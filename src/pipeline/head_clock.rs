@@ -11,17 +11,21 @@
 //! are in no order tells nothing of clocks.
 
 use super::groups::GroupKey;
-use super::log_clock::{LogClock, YEAR_2000_NS};
+use super::log_clock::LogClock;
 use super::numbers::{JUMP_NS, STEADY};
 use super::recording_report::NotJudged;
-use crate::report::clock;
+use crate::report::{WrongStretch, clock};
 use inkling_core::burst::Burst;
 use inkling_io::recording::Recording;
+use inkling_io::when::YEAR_2000_NS;
 
 /// Usual reorder time, ns: by how much a burst may be earlier than bursts that stand before it in the file; and the
 /// longest. A file that is further out of order is in none.
 const USUAL_REORDER_NS: u64 = 100_000_000;
 const MOST_REORDER_NS: u64 = 2_000_000_000;
+
+/// At most so many steps of a clock, and so many times strays, are put right.
+const MOST_STEPS: usize = 64;
 
 /// What the file says of the order of its bursts.
 #[derive(Clone, Copy, Debug)]
@@ -116,12 +120,16 @@ pub struct HeadClock {
     /// Number of strays, and the times of the first and last of them in the file, ns.
     strays: u64,
     strays_at: Option<(i64, i64)>,
+    /// From when to when strays are dated that follow each other, at most [`MOST_STEPS`] times.
+    strays_ns: Vec<[i64; 2]>,
     /// Number of late bursts, and by how much the latest of them are late, ns.
     late: u64,
     latest_ns: u64,
     /// How often the clock was set, and the largest step.
     steps: u64,
     largest: Option<Step>,
+    /// Where it was set back, at most [`MOST_STEPS`].
+    wrong: Vec<WrongStretch>,
     against_log: LogClock,
 }
 
@@ -136,10 +144,12 @@ impl HeadClock {
             aside: None,
             strays: 0,
             strays_at: None,
+            strays_ns: Vec::new(),
             late: 0,
             latest_ns: 0,
             steps: 0,
             largest: None,
+            wrong: Vec::new(),
             against_log: LogClock::default(),
         }
     }
@@ -202,6 +212,9 @@ impl HeadClock {
             return;
         }
         self.strays += of.bursts;
+        if self.strays_ns.len() < MOST_STEPS {
+            self.strays_ns.push([of.first_ns, of.latest_ns]);
+        }
         let (_, to_ns) = self.strays_at.get_or_insert((of.first_ns, of.latest_ns));
         *to_ns = of.latest_ns;
     }
@@ -223,14 +236,43 @@ impl HeadClock {
             expected_ns: before.latest_ns.saturating_add(apart),
             after_ns: aside.first_ns,
         };
+        if step.after_ns < step.expected_ns && self.wrong.len() < MOST_STEPS {
+            self.wrong.push(WrongStretch {
+                printhead: self.key.printhead.to_string(),
+                before_ns: Some([before.first_ns, before.latest_ns]),
+                from_ns: aside.first_ns,
+                by_ns: step.expected_ns.saturating_sub(step.after_ns),
+                strays_ns: Vec::new(),
+            });
+        }
         if self.largest.is_none_or(|largest| step.by_ns() > largest.by_ns()) {
             self.largest = Some(step);
         }
     }
 
+    /// No more bursts come.
+    fn end(&mut self) {
+        self.aside.take().into_iter().for_each(|of| self.set_aside(of));
+    }
+
+    /// The bursts whose times stand in no order with others.
+    pub fn wrong_times(&mut self) -> Vec<WrongStretch> {
+        self.end();
+        let first_ns = self.stretch.map_or(0, |of| of.first_ns);
+        let by_ns = self.against_log.misdated_by_ns();
+        let of_all = (by_ns.is_some() || !self.strays_ns.is_empty()).then(|| WrongStretch {
+            printhead: self.key.printhead.to_string(),
+            before_ns: None,
+            from_ns: first_ns,
+            by_ns: by_ns.unwrap_or(0),
+            strays_ns: self.strays_ns.clone(),
+        });
+        of_all.into_iter().chain(self.wrong.iter().cloned()).collect()
+    }
+
     /// What was odd about the times, for the report.
     pub fn told(mut self) -> Option<NotJudged> {
-        self.aside.take().into_iter().for_each(|of| self.set_aside(of));
+        self.end();
         let printhead = Some(self.key.printhead.to_string());
         self.in_words().map(|what| NotJudged { printhead, what, ..NotJudged::default() })
     }
@@ -308,9 +350,13 @@ impl HeadClock {
                 format!(", and were recorded on another day, {}", clock(t_ns))
             });
             let dated = span(first_ns, latest_ns);
+            let times = match self.against_log.misdated_by_ns() {
+                Some(_) => "page and account have the times of the records instead, and the tables those of the bursts",
+                None => "all that is told of them has these times",
+            };
             format!(
-                "the bursts of {name} are dated {dated}{recorded}: all that is told of them has these times. Was \
-                 its clock not set, or the unit of its times another one?"
+                "the bursts of {name} are dated {dated}{recorded}: {times}. Was its clock not set, or the unit of its \
+                 times another one?"
             )
         })
     }

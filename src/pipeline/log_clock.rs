@@ -9,13 +9,12 @@
 //! seconds: what writes in blocks, or copies an archive, has no steady lead and tells nothing of clocks.
 
 use super::numbers::{JUMP_NS, STEADY};
+use inkling_io::when::{YEAR_2000_NS, is_misdated};
 
 /// Delays of transport, ns; by how much clocks of two devices may differ; and how long a lead lasts that is no accident of buffers.
 const DELAY_NS: u64 = 2_000_000_000;
 const DIFFER_NS: u64 = 60_000_000_000;
 const LASTS_NS: i64 = 10_000_000_000;
-/// 2000-01-01: whatever is dated earlier was dated by a clock that nobody had set.
-pub const YEAR_2000_NS: i64 = 946_684_800_000_000_000;
 
 /// Bursts with one lead.
 #[derive(Clone, Copy, Debug)]
@@ -108,6 +107,13 @@ impl LogClock {
         let ahead_ns = t_ns.abs_diff(logged_ns);
         let is_ahead = t_ns > logged_ns && logged_ns >= YEAR_2000_NS;
         (is_ahead && (DIFFER_NS..JUMP_NS as u64).contains(&ahead_ns)).then_some(ahead_ns)
+    }
+
+    /// What is to be added to the times of bursts of which none can have been acquired when it says, so that they are
+    /// those of the records, ns.
+    pub fn misdated_by_ns(&self) -> Option<i64> {
+        let (t_ns, logged_ns) = self.nearest.filter(|(t, logged)| is_misdated(*t, *logged))?;
+        Some(logged_ns.saturating_sub(t_ns))
     }
 
     /// When the burst that is dated nearest to its record was recorded, ns, if that is another day; where the records

@@ -18,7 +18,7 @@ use super::ring_look;
 use super::run::Replay;
 use super::tally::{PrintheadTally, Tally};
 use super::timings::{PhaseTiming, StageTiming};
-use crate::report::rfc3339;
+use crate::report::{WrongStretch, rfc3339};
 use crate::settings::Settings;
 use inkling_core::burst::UnusableBurst;
 use inkling_core::episodes::Untimely;
@@ -63,6 +63,8 @@ pub struct RecordingReport {
     pub unread: Vec<NotJudged>,
     /// What was odd about the times of printheads' bursts.
     pub odd_times: Vec<NotJudged>,
+    /// The bursts whose times stand in no order with others.
+    pub wrong_times: Vec<WrongStretch>,
     pub moved: Vec<HeadMovement>,
     /// Printheads, each with what to know about its verdicts.
     pub warnings: Vec<(Arc<str>, String)>,
@@ -109,6 +111,7 @@ impl RecordingReport {
         say("not_judged", json!(self.not_judged));
         say("unread", json!(self.unread));
         say("odd_times", json!(self.odd_times));
+        say("wrong_times", json!(self.wrong_times));
         let rates = json!({
             "seconds": self.seconds,
             "signals_per_s": self.tally.counts.signals as f64 / self.seconds,

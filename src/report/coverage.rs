@@ -14,7 +14,7 @@ use super::counts::{ChannelCount, Tally};
 use super::night::{Span, last_night, whole};
 use super::source::{LostRecording, Source};
 use super::survey::{Head, Survey};
-use super::words::{counted, first_of, joined, of_some, percent, thousands};
+use super::words::{clock, counted, first_of, joined, of_some, percent, thousands};
 use inkling_core::verdict::Reason;
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -270,9 +270,20 @@ fn not_measured(survey: &Survey, sources: &[Source]) -> Vec<Gap> {
     let Some((_, to_ns)) = whole(spans.iter().copied()) else { return Vec::new() };
     let from_ns = last_night(&spans, to_ns);
     let gap = |head: &Head| {
-        // A printhead whose latest recording ended before the night is told as a whole.
+        // A printhead whose latest recording ended before the night, or that fell silent in the first half of it, is told
+        // as a whole.
         let (recording, tally) = head.latest()?;
         let name = &head.name;
+        let others = survey.heads.iter().filter_map(|of| of.tallies.get(&recording)?.span);
+        let (began, ended) = whole(others)?;
+        let half = began.saturating_add(ended.saturating_sub(began) / 2);
+        if let Some((_, last)) = tally.span.filter(|span| span.1 < half && span.1 >= from_ns) {
+            let (last, ended) = (clock(last), clock(ended));
+            let what = format!(
+                "{name} after {last}: it fell silent then, and the recording goes on to {ended}"
+            );
+            return Gap::of_head(head, what, recording, sources);
+        }
         let silent = |of: &&ChannelCount| !of.is_measured(from_ns, &head.tallies);
         let what = match head.channels.iter().filter(silent).count() {
             0 => return None,

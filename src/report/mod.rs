@@ -7,7 +7,7 @@
 //! faults. The report never judges by itself: the episodes decide what is a fault.
 //!
 //! The steps, each in a file:
-//! 1. `survey` reads the verdicts once: `counts`, a map of each printhead (`map`), and a `watch` of
+//! 1. `clocks` puts times right that a wrong clock gave; `survey` reads the verdicts once: `counts`, a map of each printhead (`map`), and a `watch` of
 //!    each channel that had an episode.
 //! 2. `coverage` and `false_alarms` say what was judged, and how well.
 //! 3. `story` links the episodes of each channel into one story per fault; `naming` says until when its
@@ -24,6 +24,7 @@ mod account;
 mod acknowledged;
 mod bins;
 mod changes;
+mod clocks;
 mod counts;
 mod coverage;
 mod drift;
@@ -58,6 +59,7 @@ pub use acknowledged::{
     time as acknowledged_time,
 };
 pub use changes::Changes;
+pub use clocks::{Clocks, WrongStretch};
 pub use evaluation::html as evaluation;
 pub use fault::{Fault, certain_trend, forecast_in_words, size, trend_in_words, what};
 pub use head_changes::HeadChange;

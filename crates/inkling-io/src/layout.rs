@@ -53,7 +53,7 @@ pub const UNDATED: &str = "undated";
 /// The day (UTC) on which a recording begins by what most of its bursts say, such as `2026-11-01`.
 pub fn day_of(path: &Path, dialects: &Dialects) -> Option<String> {
     let recording = Recording::open_with(path, Limits::default(), dialects).ok()?;
-    let Ok(begin) = when::begins_ns(&recording, || Ok::<_, Infallible>(()));
-    let first = DateTime::from_timestamp_nanos(begin?);
+    let Ok(begin) = when::begin(&recording, || Ok::<_, Infallible>(()));
+    let first = DateTime::from_timestamp_nanos(begin?.t_ns);
     Some(first.format("%Y-%m-%d").to_string())
 }

@@ -272,9 +272,11 @@ pub(super) fn choose_columns(
         None => Some(time_among(&names, |c| !taken(c))?),
     };
 
-    // what numbers the rows stands before the time, or else first; remarks stand last
+    // what numbers the rows stands before the time, or else first; remarks stand last; times that are not asked for
+    // are no output either
     let is_no_output = |c: usize| {
-        c <= time.unwrap_or(0) && time_column::numbers_rows(&names[c])
+        columns.rows_are_samples && time.is_none() && time_column::is_time(&names[c])
+            || c <= time.unwrap_or(0) && time_column::numbers_rows(&names[c])
             || c + 1 == names.len() && time_column::holds_remarks(&names[c])
     };
     let rest = (0..names.len()).filter(|c| Some(*c) != time && !taken(*c));

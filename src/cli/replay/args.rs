@@ -73,7 +73,7 @@ pub struct Args {
     /// Judge again what is finished
     #[arg(long)]
     pub(super) force: bool,
-    /// Exit by what earlier runs told of recordings that are skipped, too: damage is otherwise news once
+    /// Take damage that an earlier run told of into the exit status again: otherwise it is told once
     #[arg(long)]
     pub(super) strict: bool,
     /// Say what would be done and why, and do nothing
@@ -91,10 +91,10 @@ pub struct Args {
     #[arg(long)]
     pub(super) follow: bool,
     /// With --follow: a page of what is known so far at http://ADDRESS/ (127.0.0.1:8080), /metrics for Prometheus and
-    /// /faults.json; other machines are served with a token alone
+    /// /faults.json; from another machine only with --serve-token
     #[arg(long, value_name = "ADDRESS")]
     pub(super) serve: Option<String>,
-    /// Who looks must know what is in this file
+    /// A file with a password that whoever opens the page must give
     #[arg(long, value_name = "FILE")]
     pub(super) serve_token: Option<PathBuf>,
     /// One JSON line per recording and one for the run, instead of text

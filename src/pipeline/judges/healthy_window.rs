@@ -52,7 +52,7 @@ pub fn learn(
     };
     let set = sample.to_set(reference_v);
     let model = HealthyModel::learn(&set, Some(printhead), reference, settings)
-        .map_err(|e| (e.advice(replay.labels.is_some()), false))?;
+        .map_err(|e| (sample.advice(&e, replay.labels.is_some()), false))?;
     if replay.labels.is_none() {
         agree_with(&model).map_err(|why| (why, false))?;
     }

@@ -11,9 +11,11 @@ use super::super::visit;
 use super::survey::Window;
 use super::windows::Ahead;
 use inkling_core::burst::{Beside, Burst};
+use inkling_core::design::DesignError;
+use inkling_core::identify::IdentifyError;
 use inkling_core::identify::SignalSet;
 use inkling_core::identify::reservoir::{drawn_by, relative_drive};
-use inkling_core::verdict::unusable_signal;
+use inkling_core::verdict::{Reason, unusable_signal};
 use std::cmp::Ordering;
 use std::collections::{BTreeMap, HashMap};
 use std::ops::ControlFlow;
@@ -50,6 +52,8 @@ pub struct Sample {
     samples: usize,
     most: usize,
     kept: Vec<Kept>,
+    /// Number of signals that cannot be used, by why.
+    unusable: BTreeMap<Reason, u64>,
 }
 
 impl Sample {
@@ -61,7 +65,9 @@ impl Sample {
                 continue;
             }
             burst.copy_signal(row, &mut signal);
-            if unusable_signal(&signal, replay.settings.input.rails).is_none() {
+            if let Some(why) = unusable_signal(&signal, replay.settings.input.rails) {
+                *self.unusable.entry(why).or_default() += 1;
+            } else {
                 if let Some(design) = &replay.design {
                     design.take_off_extension(burst, row, &mut signal);
                 }
@@ -101,6 +107,23 @@ impl Sample {
         self.kept.truncate(self.most);
     }
 
+    /// Why nothing can be learned from these signals, with what helps. `labelled`: labels tell what is healthy.
+    pub fn advice(&self, e: &DesignError, labelled: bool) -> String {
+        let commonest = self.unusable.iter().max_by_key(|(_, n)| **n);
+        match (e, commonest) {
+            (DesignError::Identify(IdentifyError::TooFewSignals { found, .. }), Some((why, n)))
+                if *n > *found as u64 =>
+            {
+                let rails = match why {
+                    Reason::Saturated => ": these are input.rails, by default those of 16 bits",
+                    _ => "",
+                };
+                format!("{e}, and {n} others cannot be used: {}{rails}", why.in_words())
+            }
+            _ => e.advice(labelled),
+        }
+    }
+
     /// Mean of the recorded drive voltages, V; `None`: none was recorded.
     pub fn mean_voltage(&self) -> Option<f64> {
         let all = self.kept.iter().map(|of| of.beside.drive_v);
@@ -122,8 +145,11 @@ impl Sample {
 /// Reads what was chosen of some windows, in their order; `last`: index of the last block that may hold some of it.
 pub fn read(replay: &Replay, ahead: &Ahead, last: u64, windows: &[Window]) -> Result<Vec<Sample>> {
     let number: BTreeMap<&GroupKey, usize> = windows.iter().map(|of| &of.key).zip(0..).collect();
-    let sample =
-        |of: &Window| Sample { samples: of.key.samples as usize, most: of.most, kept: Vec::new() };
+    let sample = |of: &Window| Sample {
+        samples: of.key.samples as usize,
+        most: of.most,
+        ..Sample::default()
+    };
     let mut all: Vec<Sample> = windows.iter().map(sample).collect();
     if windows.iter().all(|of| of.chosen.is_empty()) {
         return Ok(all);

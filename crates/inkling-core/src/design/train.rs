@@ -172,8 +172,8 @@ fn temperature_unknown(pooled: &HealthyModel) -> Option<String> {
     let reference = pooled.temperature_c.filter(|_| pooled.temperature_response.is_none())?;
     Some(format!(
         "what temperature does was not learned: it hardly varied about {reference:.1} °C, or had no effect. \
-         Healthy signals at several temperatures would tell; without, replay learns it from recordings \
-         in which it varies"
+         Healthy signals at several temperatures would tell; without, `replay` follows what all \
+         channels of a printhead do alike"
     ))
 }
 
