@@ -7,7 +7,7 @@
 //! their own. Then the files of an earlier run are removed, the summary first, and the new ones named, the
 //! summary last. So where a summary lies, the tables beside it are whole and belong to it.
 
-use super::head_clock::HeadClock;
+use super::head_clock::{self, HeadClock};
 use super::metadata::{self, Document};
 use super::recording_report::{NotJudged, RecordingReport, note_not_judged};
 use super::run::Run;
@@ -48,8 +48,13 @@ impl Run<'_> {
         let recording = closed.as_ref().unwrap_or(recording);
         let StageResults { mut judges, mut tally, table, episodes, moved, digest, .. } = results;
         let wrong_times = results.clocks.iter_mut().flat_map(HeadClock::wrong_times).collect();
-        let odd_times: Vec<NotJudged> =
+        let against = head_clock::against_each_other(&results.clocks);
+        let mut odd_times: Vec<NotJudged> =
             results.clocks.into_iter().filter_map(HeadClock::told).collect();
+        // what its own times say of a clock says more than those of others
+        let is_new = |told: &NotJudged| odd_times.iter().all(|of| of.printhead != told.printhead);
+        let against: Vec<NotJudged> = against.into_iter().filter(is_new).collect();
+        odd_times.extend(against);
 
         // 2. warnings by printhead
         let mut warnings = results.temperatures.warnings();

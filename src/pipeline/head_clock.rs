@@ -11,7 +11,7 @@
 //! are in no order tells nothing of clocks.
 
 use super::groups::GroupKey;
-use super::log_clock::LogClock;
+use super::log_clock::{DIFFER_NS, LogClock};
 use super::numbers::{JUMP_NS, STEADY};
 use super::recording_report::NotJudged;
 use crate::report::{WrongStretch, clock};
@@ -344,6 +344,14 @@ impl HeadClock {
                 duration(ahead_ns)
             ));
         }
+        if let Some([dated, logged]) = self.against_log.slow() {
+            return Some(format!(
+                "the bursts of {name} are dated within {}, and were recorded within {}: is the unit of their times another \
+                 one?",
+                duration(dated),
+                duration(logged)
+            ));
+        }
         let recorded = self.against_log.dated_apart();
         (recorded.is_some() || latest_ns < YEAR_2000_NS).then(|| {
             let recorded = recorded.map_or(String::new(), |t_ns| {
@@ -360,6 +368,29 @@ impl HeadClock {
             )
         })
     }
+}
+
+/// What printheads say of each other's clocks: those that are dated otherwise than the one nearest to its records,
+/// though they were recorded together.
+pub fn against_each_other(clocks: &[HeadClock]) -> Vec<NotJudged> {
+    let leads = || clocks.iter().filter_map(|of| Some((of, of.against_log.lead_ns()?)));
+    let Some((nearest, lead_ns)) = leads().min_by_key(|(_, lead_ns)| lead_ns.unsigned_abs()) else {
+        return Vec::new();
+    };
+    let others = leads().filter(|(of, lead)| {
+        lead.abs_diff(lead_ns) > DIFFER_NS && of.key.printhead != nearest.key.printhead
+    });
+    let told = others.map(|(of, lead)| {
+        let [name, nearest] = [of, nearest].map(|of| inkling_io::printable::line(&of.key.printhead, 64));
+        let way = if lead < lead_ns { "earlier" } else { "later" };
+        let what = format!(
+            "the bursts of {name} are dated {} {way} than those of {nearest} that were recorded with them: is its clock \
+             wrong?",
+            duration(lead.abs_diff(lead_ns))
+        );
+        NotJudged { printhead: Some(of.key.printhead.to_string()), what, ..NotJudged::default() }
+    });
+    told.collect()
 }
 
 /// From when to when.

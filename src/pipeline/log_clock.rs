@@ -9,11 +9,12 @@
 //! seconds: what writes in blocks, or copies an archive, has no steady lead and tells nothing of clocks.
 
 use super::numbers::{JUMP_NS, STEADY};
+use crate::report::{Span, whole};
 use inkling_io::when::{YEAR_2000_NS, is_misdated};
 
 /// Delays of transport, ns; by how much clocks of two devices may differ; and how long a lead lasts that is no accident of buffers.
 const DELAY_NS: u64 = 2_000_000_000;
-const DIFFER_NS: u64 = 60_000_000_000;
+pub const DIFFER_NS: u64 = 60_000_000_000;
 const LASTS_NS: i64 = 10_000_000_000;
 
 /// Bursts with one lead.
@@ -49,10 +50,16 @@ pub struct LogClock {
     forward: Option<Forward>,
     /// Both times of the burst that was dated nearest to its record, ns.
     nearest: Option<(i64, i64)>,
+    /// The first and the last of either, ns.
+    dated: Option<Span>,
+    logged: Option<Span>,
 }
 
 impl LogClock {
     pub fn hear(&mut self, t_ns: i64, logged_ns: i64) {
+        for (span, t_ns) in [(&mut self.dated, t_ns), (&mut self.logged, logged_ns)] {
+            *span = whole(span.take().into_iter().chain([(t_ns, t_ns)]));
+        }
         let lead_ns = t_ns.saturating_sub(logged_ns);
         if self.nearest.is_none_or(|(t, logged)| lead_ns.unsigned_abs() < t.abs_diff(logged)) {
             self.nearest = Some((t_ns, logged_ns));
@@ -116,6 +123,19 @@ impl LogClock {
         Some(logged_ns.saturating_sub(t_ns))
     }
 
+    /// How far the bursts are dated apart and how far their records, ns, where time goes at less than a tenth of its pace:
+    /// a recorder may hand on in a moment what took long, and hardly the other way round.
+    pub fn slow(&self) -> Option<[u64; 2]> {
+        let [dated, logged] = [self.dated?, self.logged?].map(|(from, to)| to.abs_diff(from));
+        (logged >= LASTS_NS as u64 && dated > 0 && dated < logged / 10).then_some([dated, logged])
+    }
+
+    /// How much later the burst nearest to its record is dated than that, ns; where records have times.
+    pub fn lead_ns(&self) -> Option<i64> {
+        let (t_ns, logged_ns) = self.nearest?;
+        (logged_ns >= YEAR_2000_NS).then(|| t_ns.saturating_sub(logged_ns))
+    }
+
     /// When the burst that is dated nearest to its record was recorded, ns, if that is another day; where the records
     /// themselves have times that a clock gave.
     pub fn dated_apart(&self) -> Option<i64> {
@@ -171,5 +191,15 @@ mod tests {
         let summer_time = |t: i64| t + 3600 * S;
         assert_eq!(heard(summer_time, |t| t).ahead_ns(), Some(3600 * S as u64));
         assert_eq!(heard(|t| t, summer_time).ahead_ns(), None);
+    }
+
+    #[test]
+    fn times_in_another_unit_are_told() {
+        assert_eq!(
+            heard(|t| t / 1000, |t| t).slow(),
+            Some([119 * S as u64 / 1000, 119 * S as u64])
+        );
+        assert_eq!(heard(|t| t, |t| t / 1000).slow(), None);
+        assert_eq!(heard(|t| t, |t| t).slow(), None);
     }
 }

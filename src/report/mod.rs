@@ -65,6 +65,7 @@ pub use fault::{Fault, certain_trend, forecast_in_words, size, trend_in_words, w
 pub use head_changes::HeadChange;
 pub use list::print;
 pub use maps::waterfalls;
+pub use night::{Span, whole};
 pub use page::html;
 pub use promised::print as print_promise;
 pub use settings::ReportSettings;
@@ -77,7 +78,6 @@ use coverage::Coverage;
 use drift::ModelPoint;
 use false_alarms::FalseAlarms;
 use fault::hours_to_visible;
-use night::{Span, whole};
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use story::{Rates, Story};

@@ -130,7 +130,8 @@ impl Channel {
     }
 
     fn is_protobuf(&self) -> bool {
-        self.message_encoding == MESSAGE_ENCODING
+        // as the registry of MCAP spells it, or as people do
+        [MESSAGE_ENCODING, "proto"].iter().any(|of| self.message_encoding.eq_ignore_ascii_case(of))
     }
 }
 

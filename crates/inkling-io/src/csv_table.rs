@@ -24,8 +24,8 @@ use std::path::Path;
 /// Most bytes of CSV that are read; columns that nobody asks for count, too.
 const MOST_BYTES: u64 = 1 << 34;
 /// What people and instruments write where there is no sample.
-const MISSING: &str =
-    "nan na n/a null none - -- ol ovl ovld overload overrange \u{221e} #n/a #num! #div/0! #value!";
+const MISSING: &str = "nan na n/a null none nodata ol over ovl ovld overflow overload overrange underflow underrange \
+    max min invalid bad err error \u{221e} #n/a #num! #div/0! #value!";
 
 pub fn read(path: &Path, columns: &Columns) -> Result<Table, FileError> {
     read_from(regular_file::open(path).map_err(unread(path))?, path, columns)
@@ -198,8 +198,12 @@ fn choose(
 /// A cell as a number; NaN where it is empty or says that nothing was measured.
 fn number_in(cell: &str, decimal_comma: bool) -> Result<f64, String> {
     let cell = unquoted(cell);
-    let word = cell.trim_start_matches(['+', '-']).to_lowercase();
-    if cell.is_empty() || MISSING.split(' ').any(|missing| missing == cell || missing == word) {
+    let word = cell.trim_start_matches(['+', '-', '<', '>']).to_lowercase().replace(' ', "");
+    let is_missing = MISSING.split(' ').any(|missing| missing == word)
+        // the words of a C library for what is no number, and cells that are filled with one sign
+        || word.starts_with("1.#")
+        || cell.chars().all(|sign| "-*#?".contains(sign));
+    if is_missing {
         return Ok(f64::NAN);
     }
     let parsed = match decimal_comma && cell.contains(',') && !cell.contains('.') {
