@@ -11,7 +11,7 @@ pub fn whole(spans: impl IntoIterator<Item = Span>) -> Option<Span> {
 }
 
 /// A longer pause than this between two recordings ends a night, ns.
-const PAUSE_NS: i64 = 6 * 3_600_000_000_000;
+pub const PAUSE_NS: i64 = 6 * 3_600_000_000_000;
 /// Without such a pause the last day counts as the night, ns.
 const LONGEST_NIGHT_NS: i64 = 24 * 3_600_000_000_000;
 

@@ -14,6 +14,7 @@
 //!    nothing. If the later half does not follow the line through all bins, only the later half is
 //!    used, and so on (`latest_line`). Severities of less than an hour give no trend: minutes say
 //!    how a fault began, but nothing about the day.
+//!    Of two nights only the later one is used: by how much nights differ of themselves, two do not tell.
 //! 3. Signals without a size are often the smaller ones, since only signals with a name have a
 //!    size. The mean of the sizes then lies above that of the fault, most where the fewest signals
 //!    have one. Nobody can tell whether it is so; therefore a trend's interval holds two lines, the
@@ -21,6 +22,7 @@
 //!    (`Severities::selected`).
 
 use super::bins::{Pooled, TimeBins};
+use super::night::PAUSE_NS;
 use inkling_core::model::normal::normal_quantile;
 use inkling_core::model::student::student_quantile;
 
@@ -192,9 +194,14 @@ pub fn trend(course: &Course, from_ns: i64, to_ns: i64) -> Option<Trend> {
 
 /// The line through the latest of the points (days, severity) that follow one line. If the line
 /// through the later half (of the time) has a slope whose interval does not overlap that of all
-/// points, the earlier half is dropped, and the later half is looked at in the same way. `None`:
+/// points, the earlier half is dropped, and the later half is looked at in the same way; so is the later of two nights. `None`:
 /// `line` gives none, or the points span less than `LEAST_SPAN`.
 fn latest_line(points: &[(f64, f64)]) -> Option<Trend> {
+    let pause = |pair: &[(f64, f64)]| (pair[1].0 - pair[0].0) * DAY_NS > PAUSE_NS as f64;
+    let mut nights = points.windows(2).enumerate().filter(|(_, pair)| pause(pair));
+    if let (Some((last_of_first, _)), None) = (nights.next(), nights.next()) {
+        return latest_line(&points[last_of_first + 1..]);
+    }
     let of_all = line(points)?;
     let later = points.partition_point(|p| p.0 - points[0].0 < 0.5 * of_all.span_days);
     let apart = |later: &Trend| {
@@ -326,6 +333,23 @@ mod tests {
             held_by_sized += usize::from(holds(latest_line(&sized)));
         }
         assert!(held >= 110 && held_by_sized < 20, "{held} and {held_by_sized} of 200");
+    }
+
+    #[test]
+    fn two_nights_that_differ_are_no_trend() {
+        let mut rng = ChaCha8Rng::seed_from_u64(5);
+        let mut moving = 0;
+        for _ in 0..200 {
+            let points: Vec<(f64, f64)> = (0..40)
+                .map(|k| {
+                    let night = f64::from(k / 20);
+                    (night + f64::from(k % 20) / 240.0, 0.5 + 0.1 * night + 0.01 * noise(&mut rng))
+                })
+                .collect();
+            let told = latest_line(&points);
+            moving += usize::from(told.is_some_and(|of| of.direction() != Direction::Steady));
+        }
+        assert!(moving < 20, "{moving} of 200 said to change");
     }
 
     #[test]
