@@ -58,13 +58,20 @@ impl Clocks {
         Clocks { heads }
     }
 
+    /// `episodes`: in the order of the table, in which they ended.
     pub fn put_right(&self, episodes: &mut [Episode]) {
-        for episode in episodes {
-            let Some(head) = self.heads.get(&*episode.printhead) else { continue };
-            let by_ns = head.of_episode(episode);
-            let times = [&mut episode.raised_at_ns, &mut episode.began_at_ns];
-            let times = times.into_iter().chain(&mut episode.ended_at_ns);
-            times.for_each(|t_ns| *t_ns = t_ns.saturating_add(by_ns));
+        for (name, head) in &self.heads {
+            let of_head = episodes.iter_mut().filter(|of| *of.printhead == **name);
+            let mut of_head: Vec<&mut Episode> = of_head.collect();
+            let added: Vec<i64> = {
+                let of_head: Vec<&Episode> = of_head.iter().map(|of| &**of).collect();
+                (0..of_head.len()).map(|at| head.of_episode(&of_head, at)).collect()
+            };
+            for (episode, by_ns) in of_head.iter_mut().zip(added) {
+                let times = [&mut episode.raised_at_ns, &mut episode.began_at_ns];
+                let times = times.into_iter().chain(&mut episode.ended_at_ns);
+                times.for_each(|t_ns| *t_ns = t_ns.saturating_add(by_ns));
+            }
         }
     }
 
@@ -83,10 +90,15 @@ impl Clocks {
 }
 
 impl HeadTimes {
-    /// Adds up the stretches up to the one that an episode ended in: at each step all episodes that were on end.
-    fn of_episode(&self, of: &Episode) -> i64 {
+    /// Adds up the stretches up to the one that an episode ended in. All episodes that are on end at a step, with the
+    /// latest burst before it; where none was on, an episode that lies before the step by its times does.
+    fn of_episode(&self, episodes: &[&Episode], at: usize) -> i64 {
         let is_before = |[first_ns, latest_ns]: [i64; 2]| {
-            of.began_at_ns >= first_ns && of.ended_at_ns.is_some_and(|end| end <= latest_ns)
+            let ended_then = |of: &&Episode| of.ended_at_ns == Some(latest_ns);
+            let of = episodes[at];
+            let lies_before =
+                of.began_at_ns >= first_ns && of.ended_at_ns.is_some_and(|end| end <= latest_ns);
+            episodes.iter().rposition(ended_then).map_or(lies_before, |last| at <= last)
         };
         let begun = self.stretches.iter().take_while(|next| !next.before_ns.is_some_and(is_before));
         begun.map(|of| of.by_ns).fold(0, i64::saturating_add)

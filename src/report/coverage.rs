@@ -277,7 +277,9 @@ fn not_measured(survey: &Survey, sources: &[Source]) -> Vec<Gap> {
         let others = survey.heads.iter().filter_map(|of| of.tallies.get(&recording)?.span);
         let (began, ended) = whole(others)?;
         let half = began.saturating_add(ended.saturating_sub(began) / 2);
-        if let Some((_, last)) = tally.span.filter(|span| span.1 < half && span.1 >= from_ns) {
+        if let Some((_, last)) =
+            tally.span.filter(|span| tally.judged > 0 && span.1 < half && span.1 >= from_ns)
+        {
             let (last, ended) = (clock(last), clock(ended));
             let what = format!(
                 "{name} after {last}: it fell silent then, and the recording goes on to {ended}"

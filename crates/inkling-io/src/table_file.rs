@@ -275,7 +275,7 @@ pub(super) fn choose_columns(
     // what numbers the rows stands before the time, or else first; remarks stand last; times that are not asked for
     // are no output either
     let is_no_output = |c: usize| {
-        columns.rows_are_samples && time.is_none() && time_column::is_time(&names[c])
+        time_column::is_time(&names[c])
             || c <= time.unwrap_or(0) && time_column::numbers_rows(&names[c])
             || c + 1 == names.len() && time_column::holds_remarks(&names[c])
     };
@@ -289,6 +289,14 @@ pub(super) fn choose_columns(
     // a table of nothing but what looks like numbers of rows has no other outputs
     let (outputs, left_out) =
         if outputs.is_empty() { (left_out, outputs) } else { (outputs, left_out) };
+    let guessed = outputs.iter().filter(|_| columns.outputs.is_none() && outputs.len() > 1);
+    for name in guessed.map(|&c| &names[c]) {
+        if let Some(what) = time_column::not_samples(name) {
+            return Err(format!(
+                "column {name:?} {what}; or --outputs names the columns of samples"
+            ));
+        }
+    }
     if outputs.is_empty() {
         let time = time.map_or("", |c| &names[c]);
         return Err(format!("no column is left for an output beside {time:?}"));

@@ -147,6 +147,19 @@ pub(super) fn numbers_rows(column: &str) -> bool {
     NUMBERS.contains(&&*name) || name.starts_with("unnamed: ")
 }
 
+/// What to do with a column that says, by its name, to which burst or channel the samples of a row belong.
+pub(super) fn not_samples(column: &str) -> Option<String> {
+    match &*column.trim().to_lowercase() {
+        "burst" | "shot" | "segment" | "trigger" => Some(format!(
+            "looks like the numbers of bursts: --burst {column} divides the table by it"
+        )),
+        "channel" | "ch" | "nozzle" | "sensor" | "channel_id" | "nozzle_id" | "sensor_id" => {
+            Some("looks like the numbers of channels: give each channel a column of its own".into())
+        }
+        _ => None,
+    }
+}
+
 /// Whether a column holds remarks, by its name.
 pub(super) fn holds_remarks(column: &str) -> bool {
     REMARKS.contains(&&*column.trim().to_lowercase())
