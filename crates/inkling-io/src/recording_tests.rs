@@ -34,6 +34,7 @@ fn burst(i: u32) -> Burst {
     let signals = [0, 1].map(|row| (0..5).map(|k| (k * k * 999 + i * 31 + row) as f32).collect());
     Burst {
         t_acq_ns: 1_000 + i64::from(i),
+        logged_ns: i64::from(i),
         printhead: ["A", "B"][i as usize % 2].into(),
         first_channel: 10 * i,
         temperature_c: Some(f64::from(i)),

@@ -49,6 +49,7 @@ fn a_burst_survives_encode_and_decode() {
         for t_acq_ns in [i64::MIN, -1, 0, 1_700_000_000_123_456_789, i64::MAX] {
             let burst = Burst {
                 t_acq_ns,
+                logged_ns: 99,
                 first_channel: u32::MAX - 1,
                 drive_voltage_v: Some(20.0),
                 idle_time_s: vec![0.5],
