@@ -1,5 +1,5 @@
 //! The ledger of a run: in which order what became of a recording becomes true on disk, so that any kill and any
-//! failed write leaves what the next run makes good.
+//! failed write leaves something that the next run can put right.
 //!
 //! In: from `batch`, a recording with what was judged of it, or why it has no verdicts. Out: its line in
 //! `journal.jsonl`, and with `--baseline` the file of states; where nothing more can be written, a [`Stop`].
@@ -15,8 +15,8 @@
 //! 4. The new state replaces the old one. Where it does not, the old one is there, and the line names it as the
 //!    state before: from there the next run judges this recording once more (`pipeline/chain.rs`).
 //!
-//! A state can only follow the recordings in their order. So where one fails in its turn that may not fail the
-//! next time, the state learns no more in this run ([`Ledger::wait_for`]): those after it are judged by the state
+//! A state can only follow the recordings in their order. So where one fails in its turn that may succeed
+//! the next time, the state learns no more in this run ([`Ledger::wait_for`]): those after it are judged by the state
 //! as it is, and once more by the next run, after this one. If it fails then, too, the state passes over it.
 //!
 //! Results that are out of date, because the recording changed or failed, are renamed to `<file>.stale`, so that
@@ -43,7 +43,7 @@ pub struct Ledger<'a> {
     pub journal: JournalWriter,
     /// The file of `--baseline`; `None`: no state is kept.
     pub state: Option<BaselineFile>,
-    /// The recording that failed in its turn, because of which the state learns no more in this run.
+    /// The recording that failed in its turn, or could not be read when the run was planned, because of which the state learns no more in this run.
     pub waits_for: Option<String>,
 }
 
@@ -88,8 +88,8 @@ impl Stop {
 }
 
 impl Ledger<'_> {
-    /// Makes a recording finished whose tables have their names. An error: it is not. The inner error: it is, and
-    /// the state that learned from it could not replace the old one.
+    /// Makes a recording finished whose tables have their names. The outer error: it is not finished. The inner
+    /// error: it is, but the state that learned from it could not replace the old one.
     pub fn commit(&mut self, job: &Job, judged: &mut Judged) -> Result<Result<(), Stop>, Stop> {
         judged.entry.at = journal::now();
 

@@ -48,16 +48,23 @@ pub fn follow(
     watch: &Watch,
 ) -> Result<RecordingReport> {
     let announcer = Mutex::new(EpisodeAnnouncer::default());
-    // the table may say otherwise than what was announced: an episode is announced once, and corrected
+    // announcements come as bursts do and the table is in the order of time, so they may differ: each episode is
+    // announced once, and corrected when the table is finished
     let announce = |event: EpisodeEvent| match event {
         EpisodeEvent::Raised(episode) => locked(&announcer).announce(episode, watch.episode),
         other => (watch.episode)(other),
     };
 
-    let once = &Watch { episode: &announce, ..*watch };
+    let announcing = &Watch { episode: &announce, ..*watch };
     let pacer = None; // the recorder sets the pace
-    let run =
-        Run { replay, recording, verdicts: Some(verdicts), control, watch: Some(once), pacer };
+    let run = Run {
+        replay,
+        recording,
+        verdicts: Some(verdicts),
+        control,
+        watch: Some(announcing),
+        pacer,
+    };
     let report = run.judge().map_err(|e| match e {
         // that the file has shrunk, or another one has taken its place, comes first
         PipelineError::Recording(e) => recording.check_same().err().unwrap_or(e).into(),

@@ -23,7 +23,7 @@ pub const VERSION: u32 = 1;
 pub struct Account<'a> {
     version: u32,
     inkling: &'static str,
-    /// Of the latest signal; `None`: there is none.
+    /// The time of the latest signal, RFC 3339; `None`: there is none.
     as_of: Option<String>,
     /// Whether everything in the recordings was judged, and no recording is damaged or incomplete.
     complete: bool,
@@ -72,7 +72,7 @@ enum Kind {
 struct Statement<'a> {
     kind: Kind,
     sentence: &'a str,
-    /// Of what time it is known.
+    /// The time as of which it holds, RFC 3339.
     as_of: Option<String>,
     /// Number of signals that it rests on.
     signals: Option<u64>,
@@ -116,6 +116,7 @@ struct FaultNow<'a> {
     hours_to_visible: Option<f64>,
     began_at: String,
     ended_at: Option<String>,
+    /// From 0 to 1, by the formula in `fault.rs`.
     urgency: f64,
     action: &'a str,
     /// The note of whoever acknowledged that the fault is known.
@@ -124,13 +125,13 @@ struct FaultNow<'a> {
 
 impl Report {
     pub fn account(&self) -> Account<'_> {
-        let names: BTreeMap<usize, &RecordingLine> =
+        let lines: BTreeMap<usize, &RecordingLine> =
             self.recordings.iter().map(|line| (line.source, line)).collect();
-        let gaps = self.coverage.gaps.iter().map(|gap| of_gap(gap, &names));
+        let gaps = self.coverage.gaps.iter().map(|gap| of_gap(gap, &lines));
         let lost = self.coverage.lost.iter().map(of_lost);
         let heads = self.head_changes.iter().map(of_head);
         let notes = self.notes.iter().map(|note| Statement::new(Kind::Note, note));
-        let faults = self.faults.iter().map(|fault| of_fault(fault, &names));
+        let faults = self.faults.iter().map(|fault| of_fault(fault, &lines));
         let statements = gaps.chain(lost).chain(heads).chain(notes).chain(faults).collect();
         let to_ns = self.recordings.iter().filter_map(|line| line.span).map(|span| span.1).max();
         Account {

@@ -59,7 +59,8 @@ impl ChunkLoader {
     }
 
     /// The records of a block, or a sentence on why there are none. `read`: as many of its bytes as
-    /// [`bytes_to_read`] says, if they were read before.
+    /// [`bytes_to_read`] says, if they were read before. Of a message larger than [`Limits::record_bytes`] only the
+    /// head is given; the block reader makes `too_large` of it.
     pub(super) fn load(&mut self, block: &Block, read: Option<ReadBlock>) -> Result<Bytes, String> {
         let ReadBlock { bytes: read, crc } = match read {
             Some(read) => read,

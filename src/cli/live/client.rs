@@ -8,7 +8,8 @@ use std::net::{Shutdown, TcpStream};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// Time, and below it number of bytes, for reading what the client still sends. If it were left unread, the
+/// After the answer, what the client still sends is read for this time and up to so many bytes. If it were left
+/// unread, the
 /// system could reset the connection, and the answer would be lost.
 const CLOSING_TIME: Duration = Duration::from_secs(1);
 const MOST_UNREAD: u64 = 64 << 10;

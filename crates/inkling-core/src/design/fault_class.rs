@@ -15,7 +15,8 @@ use crate::identify::{Bounds, GreyBoxSettings};
 use serde::{Deserialize, Serialize};
 
 /// When a fault's model is identified, the rates are searched at least this factor to either side
-/// of the guess: a blocked nozzle moves a/b and d by more than a factor of 20 (`model/faults.rs`).
+/// of the guess: a nozzle of which the share s is blocked moves a/b and d by 1 / (1 - s), and 300 reaches
+/// s = .997 (`[BN]` in `model/faults.toml`).
 const LEAST_BOUND_FACTOR: f64 = 300.0;
 
 /// Departs: thesis §3-3-2 keeps mean residuals. r = F (y - y_hat) is affine in y, so a mean

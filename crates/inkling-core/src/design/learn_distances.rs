@@ -1,8 +1,9 @@
 //! Learning the detection by `detect.method` = `sensitivity`: the leftover and the noise, the spread
 //! of healthy channels, the statistics by it, and the thresholds of both tests.
 //!
-//! In, from `learn`: a model with its average and filter, and its signals. Out: the model's
-//! `sensitivity`, `threshold` and `misfit`. How labelled signals and windows differ, `learn` says.
+//! In, from `learn`: a model with its average and filter; its signals, labelled healthy or of a window, of which
+//! some may be faulty. Out: the model's `sensitivity`; `threshold`, a squared distance (no unit); `misfit`
+//! (counts^2; its threshold a squared distance). How labelled signals and windows differ, `learn` says.
 
 use super::detector::{DEPENDENT_SENSITIVITIES, Detection, SensitivityDetector};
 use super::learn::{Sources, learn_threshold};
@@ -21,8 +22,9 @@ use crate::numbers::LITTLE;
 use nalgebra::Vector3;
 use std::borrow::Cow;
 
-/// The largest factor by which a window's faulty signals may raise the median squared distance: 46 %
-/// of them make it the quantile .5 / .54 of the healthy ones, three times their median.
+/// The largest factor by which a window's faulty signals may raise the median squared distance. If 46 % are
+/// faulty and far out, the median of all is the quantile .5 / .54 of the healthy ones, which of chi-squared with
+/// three degrees of freedom is three times their median.
 const MOST_FAULTY: f64 = 3.0;
 
 /// The values tried for `Sensitivity::share`, each the next times the square root of two.
@@ -94,7 +96,7 @@ impl HealthyModel {
         own: Sensitivity,
         settings: &DetectSettings,
     ) -> Result<(Statistics, Sensitivity)> {
-        // the part of the allowed false alarms that is left to the first test
+        // the second test has the part LITTLE of the allowed false alarms, the first one the rest
         let of_rate = 1.0 - LITTLE;
         let test = |share| -> Result<(f64, (Statistics, Sensitivity))> {
             let test = Sensitivity { share, ..own.clone() };
@@ -232,7 +234,8 @@ impl HealthyModel {
         let (kind, share) = ((Degrees::Three, spread), 1.0 - LITTLE);
         self.threshold = learn(along, channels, kind, share)?;
 
-        // labels may be wrong: training warns of a part of the signals that lies apart
+        // labels may be wrong: training warns of a part of the signals that lies apart; by a mixture,
+        // `n_effective` is the number of signals taken for healthy
         if labelled {
             let law = mixture(along, channels, kind, share, 0.5);
             let apart = law.ok().filter(|law| self.threshold.value > tuned::SUSPECT * law.value);

@@ -16,7 +16,8 @@
 //! 3. For each xi the excess at a given rate is scale ((1 / rate)^xi - 1) / xi. So the posterior of
 //!    its ln is a mixture of Gaussians, which `ParetoTail::quantile` inverts.
 //!
-//! An estimate and its standard error would both be too small by the same chance.
+//! Why no estimate with a standard error: a sample that by chance lacks large values makes both too small. The
+//! posterior keeps the heavier tails that such a sample allows.
 
 use crate::model::bisection::bisected;
 use crate::model::normal::upper_tail;
@@ -32,9 +33,10 @@ const HALVINGS: usize = 60;
 /// How many independent signals the signals of a tail are worth.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Effective {
-    /// By the share of all signals that lies in the tail, mostly the smaller number of the two.
+    /// By how much signals of one channel tend to lie in the tail together: the number of signals over the
+    /// design effect of that. Mostly the smaller number of the two.
     pub number: f64,
-    /// By the sizes of the excesses; only the weights of shapes use this.
+    /// By how much the sizes of their excesses go together; only the weights of shapes use this.
     pub excesses: f64,
 }
 

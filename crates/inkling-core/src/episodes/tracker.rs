@@ -1,6 +1,7 @@
 //! Follows all channels of a recording: bursts in, episodes out.
 //!
-//! In: the bursts of all printheads, in the order of the recording. Out: [`Episode`]s as they end,
+//! In: of each burst a [`Looks`], for each channel its detection statistic over the threshold (flagged above 1), in
+//! the order of the recording. Out: [`Episode`]s as they end,
 //! at last those that are still on, and counts of what was left out.
 //!
 //! Each printhead's bursts wait in a bounded window (`order`), so that those that are out of order
@@ -37,7 +38,7 @@ pub struct Tracker {
 
 impl Tracker {
     /// A tracker before the first burst. `classes`: in the order of the signals' weights; `priors`: of
-    /// each; `certainty`: least weight of a class or category that is named.
+    /// each; `certainty`: least weight, 0 to 1, of a class or category that is named.
     pub fn new(
         classes: &[Class],
         priors: &[f64],
@@ -61,7 +62,7 @@ impl Tracker {
     }
 
     /// Takes in one burst of a printhead, in the recording's order. The earliest bursts of that
-    /// printhead are looked at until no more signals wait than may.
+    /// printhead are looked at while more than `reorder_signals` of it, or [`MOST_WAITING`] of all, wait.
     pub fn push(&mut self, printhead: &Arc<str>, looks: Looks) {
         let is_full = self.printheads.len() >= MOST_PRINTHEADS;
         if is_full && !self.printheads.contains_key(printhead) {
@@ -80,7 +81,8 @@ impl Tracker {
         }
     }
 
-    /// The clock of a printhead was set: its episodes end with the last look before, and its channels begin anew.
+    /// The clock of a printhead was set, so that times before and after cannot be compared: what waits is looked at,
+    /// episodes end with their channel's last look, and all channels begin as if new.
     pub fn begin_anew(&mut self, printhead: &Arc<str>) {
         let Tracker { rules, printheads, waiting, output, .. } = self;
         let Some(of) = printheads.get_mut(printhead) else { return };

@@ -2,9 +2,9 @@
 //! through it (`source.rs`).
 //!
 //! In: a name. Out: bytes at offsets, by requests for parts of 4 MiB. Where parts are read one
-//! after the other, the following parts are asked for before they are needed. How many doubles from
-//! part to part, 1, 2, 4, up to 6, so that the network's rate and not its delay limits the reading;
-//! a jump begins again with none. (These sizes are heuristic.) A few parts that were read lately
+//! after the other, the following parts are asked for before they are needed. Their number doubles from
+//! part to part (1, 2, 4, at most 6), so that the network's rate and not its delay limits the reading;
+//! a jump sets it back to 0. (These sizes are heuristic.) A few parts that were read lately
 //! are kept for other readers of the same recording.
 //!
 //! All parts are of one state of the object: if the object is changed meanwhile, reading fails,
@@ -89,6 +89,7 @@ impl Object {
         Ok(Object { meta: meta.map_err(failed)?, place, parts: Mutex::default() })
     }
 
+    /// The stamp that the object had when it was opened.
     pub fn stamp_then(&self) -> Stamp {
         stamp_of(&self.meta)
     }

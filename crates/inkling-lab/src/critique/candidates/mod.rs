@@ -75,10 +75,11 @@ pub struct ScoreTests<'a> {
     pub data: &'a Observations,
     pub avoid: &'a [f64],
     nuisances: &'a Both<Nuisance<'a>>,
-    /// The mean channel's decay; and the rates and the state inside the channel (volume and flows)
-    /// that explain it.
+    /// Samples of a signal, N.
     samples: usize,
+    /// The mean channel's decay, rates per signal length.
     decay: ObservedDecay,
+    /// The ink channel with that output, and its volume and flows at t_a; `None`: there is none.
     interior: Option<Interior>,
 }
 
@@ -120,8 +121,8 @@ impl<'a> ScoreTests<'a> {
         all
     }
 
-    /// `near`: the form that the cause has in the model, near which its shape is searched. `None`:
-    /// the cause cannot be tested here.
+    /// `near`: the form that the cause has in the model, near which its shape is searched; without it all
+    /// shapes are searched. Gives `None` if the cause cannot be tested here.
     pub fn score_one(&self, id: CauseId, near: Option<&Applied>) -> Option<Scored> {
         let mut scored = self.as_if_independent(id, near)?;
         if scored.surprise < HINT {

@@ -1,0 +1,108 @@
+//! A clock that was wrong changes what a recording's times say and nothing of what is told of faults: the list is that
+//! of the same bursts with a right clock, by the times of the records or of the clock before it was set back.
+
+use crate::house::House;
+use crate::recorded::{bursts, sample};
+use inkling::burst::Burst;
+
+use inkling::io::recording_writer::{RecordingWriter, WriterOptions};
+use serde_json::Value;
+
+const S: i64 = 1_000_000_000;
+const DAY: i64 = 86_400 * S;
+const DESIGN: &str = "--design sample_logs/design.json";
+
+/// Records a night of the sample `days` later, by a right clock; its bursts are dated by `dated`, of the time since the
+/// night began.
+fn night(house: &House, name: &str, days: i64, dated: impl Fn(i64) -> i64) {
+    let all = bursts(&sample("print_run.mcap"));
+    let began = all[0].t_acq_ns;
+    let path = house.path(name);
+    std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+    let mut writer = RecordingWriter::create(&path, WriterOptions::default()).unwrap();
+    for burst in all {
+        let since = burst.t_acq_ns - began;
+        let right = began + days * DAY + since;
+        let t_acq_ns = right + dated(since);
+        writer.write(&Burst { t_acq_ns, ..burst }, right as u64).unwrap();
+    }
+    writer.finish().unwrap();
+}
+
+/// A fault as it is told: where, what, in s since 1970 from when, and whether it is on.
+type Told = (String, u64, String, i64, bool);
+
+fn told(house: &House, out: &str) -> Vec<Told> {
+    let document = house.json(&format!("report {out} -o r.html --json"));
+    let text = |of: &Value, key: &str| of[key].as_str().unwrap_or_default().to_owned();
+    let seconds = |time: &str| {
+        chrono::DateTime::parse_from_rfc3339(time)
+            .unwrap_or_else(|e| panic!("{time}: {e}"))
+            .timestamp()
+    };
+    let fault = |of: &Value| {
+        let channel = of["channel"].as_u64().unwrap();
+        let began = seconds(of["began_at"].as_str().unwrap());
+        (text(of, "printhead"), channel, text(of, "category"), began, of["ended_at"].is_null())
+    };
+    let mut all: Vec<Told> = document["faults"].as_array().unwrap().iter().map(fault).collect();
+    all.sort();
+    assert!(all.len() > 5, "{all:?}");
+    all
+}
+
+#[test]
+fn a_clock_that_was_set_back_or_never_set_changes_no_fault() {
+    let house = House::new();
+    let began = bursts(&sample("print_run.mcap"))[0].t_acq_ns;
+    let step =
+        |after_s: i64, by_ns: i64| move |since: i64| if since < after_s * S { 0 } else { -by_ns };
+    night(&house, "right.mcap", 0, |_| 0);
+    night(&house, "back_30.mcap", 0, step(40, 30 * S + 400_000_000));
+    night(&house, "back_1h.mcap", 0, step(30, 3_599 * S));
+    night(&house, "back_years.mcap", 0, step(25, 9_000 * DAY));
+    night(&house, "uptime.mcap", 0, |_| 312 * S - began);
+    night(&house, "future.mcap", 0, |_| 3_650 * DAY);
+    let run = |name: &str| {
+        let ended = house.run(&format!("replay {name}.mcap {DESIGN} --out {name} --quiet"));
+        assert_eq!(ended.code(), Some(0), "{name}: {}", ended.stderr());
+        (ended.stderr(), told(&house, name))
+    };
+    let (nothing, right) = run("right");
+    assert_eq!(nothing, "");
+    for (name, words) in [
+        ("back_30", "went back by 30.4 s"),
+        ("back_1h", "went back by 60.0 min"),
+        ("back_years", "went back by 24.6 years"),
+        ("uptime", "are dated 1970-01-01 00:05:12"),
+        ("future", "recorded on another day, 2025-01-01"),
+    ] {
+        let (said, now) = run(name);
+        assert_eq!(said.matches(words).count(), 3, "{name}: once for each printhead: {said}");
+        let near = |(p, q): (&Told, &Told)| {
+            (&p.0, p.1, &p.2, p.4) == (&q.0, q.1, &q.2, q.4) && p.3.abs_diff(q.3) <= 2
+        };
+        assert!(now.len() == right.len() && now.iter().zip(&right).all(near), "{name}: {now:#?}");
+    }
+}
+
+#[test]
+fn a_night_that_is_dated_wrongly_silences_no_other_and_teaches_nothing() {
+    let house = House::new();
+    let mut states = Vec::new();
+    for wrong in [0, 3_650 * DAY, -9_000 * DAY] {
+        for day in 0..3 {
+            let name = format!("n{wrong}/{day}.mcap");
+            night(&house, &name, day, |_| if day == 1 { wrong } else { 0 });
+            let out = format!("o{wrong}");
+            let state = format!("--baseline b{wrong}.json");
+            let run = house.run(&format!("replay {name} {DESIGN} {state} --out {out} --quiet"));
+            assert_eq!(run.code(), Some(0), "{name}: {}", run.stderr());
+            let is_told = run.stderr().contains("and taught it nothing");
+            assert_eq!(is_told, wrong != 0 && day == 1, "{name}: {}", run.stderr());
+        }
+        states.push(told(&house, &format!("o{wrong}")));
+    }
+    assert_eq!(states[1], states[0]);
+    assert_eq!(states[2], states[0]);
+}
