@@ -107,7 +107,7 @@ const MISTAKES: &[(&str, i32, &str)] = &[
     ("score . --labels {D}", 2, "no column `printhead`"),
     ("score --design {L}", 2, "not a design"),
     ("convert missing.csv -o d.mcap", 2, "missing.csv"),
-    ("convert {L} -o d.mcap", 1, "is no number"),
+    ("convert {L} -o d.mcap", 1, "looks like the numbers of channels"),
     (
         "convert {R} -o d.mcap",
         2,

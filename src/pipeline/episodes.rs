@@ -9,8 +9,9 @@
 //! says of the flagged signals. There are two trackers where somebody watches: the table's, which waits for
 //! bursts that come late, and one that tells at once, which `replay::EpisodeAnnouncer` later corrects.
 //!
-//! Whether late bursts are of a clock that was set back shows only with those that follow. Until then they are held
-//! ([`Held`]): they belong to the stretch that begins, or else to the one that goes on.
+//! Whether late bursts, or those dated apart, are of a clock that was set shows only with those that follow. Until then
+//! they are held ([`Held`]): they belong to the stretch that begins; or else late ones to the one that goes on, and
+//! no fault is followed over the others.
 
 use super::Result;
 use super::batches::{FlaggedSignal, JudgedBatch};
@@ -37,7 +38,7 @@ pub struct EpisodeTap<'a> {
     /// Where somebody watches: a second tracker, which raises episodes at once.
     watched: Option<(&'a Watch<'a>, Tracker)>,
     table: Option<EpisodeWriter>,
-    /// Late bursts, by printhead.
+    /// Bursts that are late or dated apart, by printhead.
     held: BTreeMap<Arc<str>, Held>,
     /// The models of the judges met so far, with which signals are compared, by number.
     models: BTreeMap<u16, Arc<HealthyModel>>,
@@ -122,12 +123,12 @@ impl<'a> EpisodeTap<'a> {
 
         let mut set = None;
         for burst in bursts {
+            let at = burst.at;
             match judged.standing(burst.at.t_ns, burst.at.printhead) {
-                Standing::Stray => continue,
-                Standing::Late => {
+                standing @ (Standing::Stray | Standing::Late) => {
                     let (printhead, looks) = self.looks(burst, &c.printheads, &judged.own);
-                    if let Some(given_up) = self.hold(&printhead, looks) {
-                        self.look_at_all(&printhead, given_up);
+                    if let Some(given_up) = self.hold(&printhead, looks, standing) {
+                        self.look_at_late(&printhead, given_up);
                     }
                     continue;
                 }
@@ -139,8 +140,11 @@ impl<'a> EpisodeTap<'a> {
                 Standing::Set | Standing::InOrder => {}
             }
             let (printhead, looks) = self.looks(burst, &c.printheads, &judged.own);
-            let late = self.held.remove(&printhead).map(|held| held.bursts);
-            self.look_at_all(&printhead, late.unwrap_or_default());
+            let mut held = self.held.remove(&printhead).unwrap_or_default();
+            if set == Some((looks.t_ns, at.printhead)) {
+                held.bursts.iter_mut().for_each(|(_, standing)| *standing = Standing::InOrder);
+            }
+            self.look_at_late(&printhead, held);
             self.look_at(&printhead, looks);
         }
         list(&mut self.listed, &mut self.table, self.tracker.take_ended())
@@ -189,15 +193,15 @@ impl<'a> EpisodeTap<'a> {
         self.tracker.begin_anew(printhead);
     }
 
-    /// Holds a late burst. Gives those that are held if they are more than a clock that is set would leave.
-    fn hold(&mut self, printhead: &Arc<str>, looks: Looks) -> Option<Vec<Looks>> {
+    /// Holds a burst. Gives those that are held if they are more than a clock that is set would leave.
+    fn hold(&mut self, printhead: &Arc<str>, looks: Looks, standing: Standing) -> Option<Held> {
         let held = self.held.entry(printhead.clone()).or_default();
-        let is_next_moment = held.bursts.last().is_none_or(|last| last.t_ns != looks.t_ns);
+        let is_next_moment = held.bursts.last().is_none_or(|(last, _)| last.t_ns != looks.t_ns);
         held.moments += u32::from(is_next_moment);
         held.signals += looks.ratios.len();
-        held.bursts.push(looks);
+        held.bursts.push((looks, standing));
         let are_many = held.moments >= STEADY || held.signals > MOST_HELD;
-        are_many.then(|| self.held.remove(printhead).map(|held| held.bursts)).flatten()
+        are_many.then(|| self.held.remove(printhead)).flatten()
     }
 
     /// A burst as the trackers take it. `own`: as in [`JudgedBatch::own`].
@@ -222,8 +226,10 @@ impl<'a> EpisodeTap<'a> {
         (printhead.clone(), looks)
     }
 
-    fn look_at_all(&mut self, printhead: &Arc<str>, bursts: Vec<Looks>) {
-        bursts.into_iter().for_each(|looks| self.look_at(printhead, looks));
+    /// Looks at bursts that were held, but for those that are dated apart.
+    fn look_at_late(&mut self, printhead: &Arc<str>, held: Held) {
+        let late = held.bursts.into_iter().filter(|(_, standing)| *standing != Standing::Stray);
+        late.for_each(|(looks, _)| self.look_at(printhead, looks));
     }
 
     /// Announces what the burst raises or ends.
@@ -240,7 +246,7 @@ impl<'a> EpisodeTap<'a> {
     /// Ends the recording: episodes that are still on have no end. The table is not complete yet.
     pub fn finish(mut self) -> Result<(EpisodeReport, Option<EpisodeWriter>)> {
         for (printhead, held) in std::mem::take(&mut self.held) {
-            self.look_at_all(&printhead, held.bursts);
+            self.look_at_late(&printhead, held);
         }
         let EpisodeTap { tracker, mut table, mut listed, .. } = self;
         let TrackerResult { last, counts, untimely } = tracker.finish();
@@ -263,10 +269,10 @@ fn list(
     }
 }
 
-/// Late bursts of a printhead in a row, in the order of the file.
+/// Bursts of a printhead that are late or dated apart, in a row, in the order of the file.
 #[derive(Default)]
 struct Held {
-    bursts: Vec<Looks>,
+    bursts: Vec<(Looks, Standing)>,
     moments: u32,
     signals: usize,
 }

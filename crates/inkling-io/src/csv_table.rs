@@ -25,7 +25,7 @@ use std::path::Path;
 const MOST_BYTES: u64 = 1 << 34;
 /// What people and instruments write where there is no sample.
 const MISSING: &str = "nan na n/a null none nodata ol over ovl ovld overflow overload overrange underflow underrange \
-    max min invalid bad err error \u{221e} #n/a #num! #div/0! #value!";
+    max min \u{221e} #n/a #num! #div/0! #value!";
 
 pub fn read(path: &Path, columns: &Columns) -> Result<Table, FileError> {
     read_from(regular_file::open(path).map_err(unread(path))?, path, columns)
