@@ -10,11 +10,11 @@ use super::notes::{Note, Notes};
 use super::progress::{counted, first_few, thousands};
 use super::report::printable_path;
 use crate::report::Acknowledged;
+use inkling_core::verdict::Reason;
 use inkling_io::job::Job;
 use inkling_io::journal::{self, Entry, Means, Outcome};
 use inkling_io::{part_file, printable};
 use serde::{Deserialize, Serialize};
-use serde_json::Value;
 use std::io::{self, Write};
 use std::path::Path;
 use std::time::Instant;
@@ -81,9 +81,11 @@ impl Row {
 fn not_whole(entry: &Entry) -> Option<String> {
     let refused = || entry.warnings.first().map(|told| told.what.clone());
     let rejected = || {
-        let by_reason = entry.counts["rejected"].as_object();
-        let n: u64 = by_reason?.values().filter_map(Value::as_u64).sum();
-        (n > 0).then(|| format!("{n} signals rejected"))
+        let by_reason = entry.counts["rejected"].as_object()?.iter();
+        let by_reason = by_reason.filter_map(|(why, n)| Some((Reason::of(why)?, n.as_u64()?)));
+        let each: Vec<String> =
+            by_reason.map(|(why, n)| format!("{n} signals rejected: {}", why.in_words())).collect();
+        (!each.is_empty()).then(|| each.join("; "))
     };
     match entry.outcome {
         Outcome::NotJudged => entry.not_judged.first().cloned(),

@@ -5,6 +5,7 @@
 use super::exit::Exit;
 use super::progress::thousands;
 use super::report::printable;
+use crate::pipeline::clock_words;
 use crate::pipeline::groups::GroupKey;
 use crate::pipeline::head_clock::{FileOrder, HeadClock};
 use chrono::{DateTime, SecondsFormat};
@@ -75,8 +76,8 @@ impl Contents {
 
     /// What is odd about the times of each printhead's bursts, in words.
     fn odd_times(&self) -> Vec<String> {
-        let told = self.clocks.values().cloned().filter_map(HeadClock::told);
-        told.map(|of| of.what).collect()
+        let (told, _) = clock_words::told(self.clocks.values().cloned().collect());
+        told.into_iter().map(|of| of.what).collect()
     }
 
     /// Counts a burst.

@@ -7,9 +7,9 @@
 //! their own. Then the files of an earlier run are removed, the summary first, and the new ones named, the
 //! summary last. So where a summary lies, the tables beside it are whole and belong to it.
 
-use super::head_clock::{self, HeadClock};
+use super::clock_words;
 use super::metadata::{self, Document};
-use super::recording_report::{NotJudged, RecordingReport, note_not_judged};
+use super::recording_report::{RecordingReport, note_not_judged};
 use super::run::Run;
 use super::tally::{Counts, Tally};
 use super::timings::Phases;
@@ -32,11 +32,7 @@ impl Run<'_> {
     ///
     /// # Errors
     /// The recording holds no bursts, labels do not fit it, rows are missing, or a file cannot be written.
-    pub fn report(
-        &self,
-        mut results: StageResults,
-        phases: &mut Phases,
-    ) -> Result<RecordingReport> {
+    pub fn report(&self, results: StageResults, phases: &mut Phases) -> Result<RecordingReport> {
         // 1. the recording and what the stages left
         let finishing = Instant::now();
         let Run { replay, recording, verdicts, control, .. } = *self;
@@ -47,14 +43,7 @@ impl Run<'_> {
         let closed = recording.is_growing().then(|| recording.closed(&dialects)).transpose()?;
         let recording = closed.as_ref().unwrap_or(recording);
         let StageResults { mut judges, mut tally, table, episodes, moved, digest, .. } = results;
-        let wrong_times = results.clocks.iter_mut().flat_map(HeadClock::wrong_times).collect();
-        let against = head_clock::against_each_other(&results.clocks);
-        let mut odd_times: Vec<NotJudged> =
-            results.clocks.into_iter().filter_map(HeadClock::told).collect();
-        // what its own times say of a clock says more than those of others
-        let is_new = |told: &NotJudged| odd_times.iter().all(|of| of.printhead != told.printhead);
-        let against: Vec<NotJudged> = against.into_iter().filter(is_new).collect();
-        odd_times.extend(against);
+        let (odd_times, wrong_times) = clock_words::told(results.clocks);
 
         // 2. warnings by printhead
         let mut warnings = results.temperatures.warnings();

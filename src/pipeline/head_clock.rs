@@ -1,8 +1,7 @@
-//! What the times of a printhead's bursts are worth, and what was odd about them, in words.
+//! What the times of a printhead's bursts are worth; what was odd about them `clock_words` says.
 //!
 //! In: the times of its bursts, and those at which they were recorded, in the order of the file, from the identify stage
-//! ([`HeadClock::hear`]). Out: whether a burst stands in the order of time ([`Standing`]); at the end a sentence
-//! (`HeadClock::told`).
+//! ([`HeadClock::hear`]). Out: whether a burst stands in the order of time ([`Standing`]).
 //!
 //! A burst is *late* if it is earlier than the latest one before it by more than the reorder time, and a *stray* if it
 //! lies apart from it by more than `JUMP_NS`, earlier or later. Both are judged by what is known, and teach nothing;
@@ -11,13 +10,12 @@
 //! are in no order tells nothing of clocks.
 
 use super::groups::GroupKey;
-use super::log_clock::{DIFFER_NS, LogClock};
+use super::log_clock::LogClock;
 use super::numbers::{JUMP_NS, STEADY};
 use super::recording_report::NotJudged;
-use crate::report::{WrongStretch, clock};
+use crate::report::WrongStretch;
 use inkling_core::burst::Burst;
 use inkling_io::recording::Recording;
-use inkling_io::when::YEAR_2000_NS;
 
 /// Usual reorder time, ns: by how much a burst may be earlier than bursts that stand before it in the file; and the
 /// longest. A file that is further out of order is in none.
@@ -65,13 +63,13 @@ pub enum Standing {
 
 /// Bursts that follow each other in order.
 #[derive(Clone, Copy, Debug)]
-struct Stretch {
-    first_ns: i64,
-    latest_ns: i64,
-    moments: u32,
-    bursts: u64,
+pub(super) struct Stretch {
+    pub(super) first_ns: i64,
+    pub(super) latest_ns: i64,
+    pub(super) moments: u32,
+    pub(super) bursts: u64,
     /// The longest time between two of its moments.
-    widest_ns: i64,
+    pub(super) widest_ns: i64,
 }
 
 impl Stretch {
@@ -95,14 +93,14 @@ impl Stretch {
 /// A clock that was set: the latest time before, the time that the next moment would have had, and the one that
 /// it has, ns.
 #[derive(Clone, Copy, Debug)]
-struct Step {
-    before_ns: i64,
-    expected_ns: i64,
-    after_ns: i64,
+pub(super) struct Step {
+    pub(super) before_ns: i64,
+    pub(super) expected_ns: i64,
+    pub(super) after_ns: i64,
 }
 
 impl Step {
-    fn by_ns(&self) -> u64 {
+    pub(super) fn by_ns(&self) -> u64 {
         self.after_ns.abs_diff(self.expected_ns)
     }
 }
@@ -110,27 +108,27 @@ impl Step {
 #[derive(Clone, Debug)]
 pub struct HeadClock {
     pub key: GroupKey,
-    order: FileOrder,
+    pub(super) order: FileOrder,
     /// Beyond this, ns, a burst is dated apart: [`JUMP_NS`], or more where bursts are known to be further apart.
-    jump_ns: i64,
-    bursts: u64,
+    pub(super) jump_ns: i64,
+    pub(super) bursts: u64,
     /// The bursts of the present stretch, and those that came last and are late or strays.
-    stretch: Option<Stretch>,
-    aside: Option<Stretch>,
+    pub(super) stretch: Option<Stretch>,
+    pub(super) aside: Option<Stretch>,
     /// Number of strays, and the times of the first and last of them in the file, ns.
-    strays: u64,
-    strays_at: Option<(i64, i64)>,
+    pub(super) strays: u64,
+    pub(super) strays_at: Option<(i64, i64)>,
     /// From when to when strays are dated that follow each other, at most [`MOST_STEPS`] times.
-    strays_ns: Vec<[i64; 2]>,
+    pub(super) strays_ns: Vec<[i64; 2]>,
     /// Number of late bursts, and by how much the latest of them are late, ns.
-    late: u64,
-    latest_ns: u64,
+    pub(super) late: u64,
+    pub(super) latest_ns: u64,
     /// How often the clock was set, and the largest step.
-    steps: u64,
-    largest: Option<Step>,
+    pub(super) steps: u64,
+    pub(super) largest: Option<Step>,
     /// Where it was set back, at most [`MOST_STEPS`].
-    wrong: Vec<WrongStretch>,
-    against_log: LogClock,
+    pub(super) wrong: Vec<WrongStretch>,
+    pub(super) against_log: LogClock,
 }
 
 impl HeadClock {
@@ -266,7 +264,7 @@ impl HeadClock {
     }
 
     /// The bursts whose times stand in no order with others.
-    pub fn wrong_times(&mut self) -> Vec<WrongStretch> {
+    pub(super) fn wrong_times(&mut self) -> Vec<WrongStretch> {
         self.end();
         let first_ns = self.stretch.map_or(0, |of| of.first_ns);
         let by_ns = self.against_log.misdated_by_ns();
@@ -281,143 +279,10 @@ impl HeadClock {
     }
 
     /// What was odd about the times, for the report.
-    pub fn told(mut self) -> Option<NotJudged> {
+    pub(super) fn told(mut self) -> Option<NotJudged> {
         self.end();
         let printhead = Some(self.key.printhead.to_string());
         self.in_words().map(|what| NotJudged { printhead, what, ..NotJudged::default() })
-    }
-
-    /// What was odd about the times, with numbers, as sentences without a full stop; `None`: nothing was.
-    fn in_words(&self) -> Option<String> {
-        let name = inkling_io::printable::line(&self.key.printhead, 64);
-        let told = [
-            self.step_in_words(&name),
-            self.strays_in_words(&name),
-            self.late_in_words(&name),
-            self.date_in_words(&name),
-        ];
-        let told: Vec<String> = told.into_iter().flatten().collect();
-        (!told.is_empty()).then(|| told.join("; "))
-    }
-
-    fn step_in_words(&self, name: &str) -> Option<String> {
-        let Some(Step { before_ns, expected_ns, after_ns }) = self.largest else {
-            let forward = self.against_log.forward()?;
-            let (by, to) = (duration(forward.by_ns), clock(forward.to_ns));
-            return Some(format!(
-                "the clock of {name} went forward by {by} to {to}, while the times at which its bursts were recorded went \
-                 on: a fault that was on then seems to have lasted longer by that"
-            ));
-        };
-        let way = if after_ns < expected_ns { "back" } else { "forward" };
-        let by = duration(after_ns.abs_diff(expected_ns));
-        let times = match self.steps {
-            1 => String::new(),
-            n => format!("; it was set {n} times, this was the largest step"),
-        };
-        Some(format!(
-            "the clock of {name} went {way} by {by} after {}{times}: faults are followed up to there, and anew from \
-             there on",
-            clock(before_ns)
-        ))
-    }
-
-    fn strays_in_words(&self, name: &str) -> Option<String> {
-        let (from_ns, to_ns) = self.strays_at?;
-        let (strays, of) = (self.strays, self.bursts);
-        let is = if strays == 1 { "is" } else { "are" };
-        Some(format!(
-            "{strays} of {of} bursts of {name} {is} dated {}, apart from the others: no fault was followed over them, and \
-             nothing was learned from them",
-            span(from_ns, to_ns)
-        ))
-    }
-
-    fn late_in_words(&self, name: &str) -> Option<String> {
-        let (late, of) = (self.late, self.bursts);
-        let stands = if late == 1 { "stands" } else { "stand" };
-        let by = duration(self.latest_ns);
-        (late > 0).then(|| {
-            format!(
-                "{late} of {of} bursts of {name} {stands} in the file after later ones, by up to {by}: they were judged by \
-                 what was known of the printhead by then, and taught nothing"
-            )
-        })
-    }
-
-    /// Says so where the bursts are dated by a clock that nobody had set.
-    fn date_in_words(&self, name: &str) -> Option<String> {
-        let Stretch { first_ns, latest_ns, .. } = self.stretch?;
-        if let Some(ahead_ns) = self.against_log.ahead_ns() {
-            return Some(format!(
-                "the bursts of {name} are dated {} later than they were recorded: is its clock ahead, or in local time?",
-                duration(ahead_ns)
-            ));
-        }
-        if let Some([dated, logged]) = self.against_log.slow() {
-            return Some(format!(
-                "the bursts of {name} are dated within {}, and were recorded within {}: is the unit of their times another \
-                 one?",
-                duration(dated),
-                duration(logged)
-            ));
-        }
-        let recorded = self.against_log.dated_apart();
-        (recorded.is_some() || latest_ns < YEAR_2000_NS).then(|| {
-            let recorded = recorded.map_or(String::new(), |t_ns| {
-                format!(", and were recorded on another day, {}", clock(t_ns))
-            });
-            let dated = span(first_ns, latest_ns);
-            let times = match self.against_log.misdated_by_ns() {
-                Some(_) => "page and account have the times of the records instead, and the tables those of the bursts",
-                None => "all that is told of them has these times",
-            };
-            format!(
-                "the bursts of {name} are dated {dated}{recorded}: {times}. Was its clock not set, or the unit of its \
-                 times another one?"
-            )
-        })
-    }
-}
-
-/// What printheads say of each other's clocks: those that are dated otherwise than the one nearest to its records,
-/// though they were recorded together.
-pub fn against_each_other(clocks: &[HeadClock]) -> Vec<NotJudged> {
-    let leads = || clocks.iter().filter_map(|of| Some((of, of.against_log.lead_ns()?)));
-    let Some((nearest, lead_ns)) = leads().min_by_key(|(_, lead_ns)| lead_ns.unsigned_abs()) else {
-        return Vec::new();
-    };
-    let others = leads().filter(|(of, lead)| {
-        lead.abs_diff(lead_ns) > DIFFER_NS && of.key.printhead != nearest.key.printhead
-    });
-    let told = others.map(|(of, lead)| {
-        let [name, nearest] = [of, nearest].map(|of| inkling_io::printable::line(&of.key.printhead, 64));
-        let way = if lead < lead_ns { "earlier" } else { "later" };
-        let what = format!(
-            "the bursts of {name} are dated {} {way} than those of {nearest} that were recorded with them: is its clock \
-             wrong?",
-            duration(lead.abs_diff(lead_ns))
-        );
-        NotJudged { printhead: Some(of.key.printhead.to_string()), what, ..NotJudged::default() }
-    });
-    told.collect()
-}
-
-/// From when to when.
-fn span(from_ns: i64, to_ns: i64) -> String {
-    match from_ns == to_ns {
-        true => clock(from_ns),
-        false => format!("{} to {}", clock(from_ns), clock(to_ns)),
-    }
-}
-
-/// A time span with one decimal, in the largest unit of which it is at least one.
-fn duration(ns: u64) -> String {
-    let s = ns as f64 / 1e9;
-    let units = [(31_557_600.0, "years"), (86_400.0, "days"), (3600.0, "h"), (60.0, "min")];
-    match units.iter().find(|(unit, _)| s >= 2.0 * unit) {
-        Some((unit, name)) => format!("{:.1} {name}", s / unit),
-        None => format!("{s:.1} s"),
     }
 }
 

@@ -25,7 +25,7 @@
 //! stages           stages (six loops)  batches (what crosses queues)  in_flight (bounds, order)
 //!   1 reader       pacer (--pace)
 //!   2 identify     who judges: groups judges (survey sample healthy_window)
-//!                  what times are worth: head_clock (log_clock) elapsed
+//!                  what times are worth: head_clock (log_clock, clock_words) elapsed
 //!                  where the head is: heads head sweep channel_subset frozen moved_judge
 //!   3 FD filter    statistics  distances  rings (deviations)  own_levels
 //!   5 isolate      isolator  rings (fits)  rows
@@ -40,6 +40,7 @@ mod at_once;
 mod batches;
 pub mod chain;
 mod channel_subset;
+pub mod clock_words;
 pub mod collect;
 mod distances;
 mod elapsed;

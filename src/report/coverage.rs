@@ -277,9 +277,11 @@ fn not_measured(survey: &Survey, sources: &[Source]) -> Vec<Gap> {
         let others = survey.heads.iter().filter_map(|of| of.tallies.get(&recording)?.span);
         let (began, ended) = whole(others)?;
         let half = began.saturating_add(ended.saturating_sub(began) / 2);
-        if let Some((_, last)) =
-            tally.span.filter(|span| tally.judged > 0 && span.1 < half && span.1 >= from_ns)
-        {
+        // where its clock is odd, its times say nothing beside those of others
+        let odd = sources[recording].document["odd_times"].as_array();
+        let is_odd = odd.into_iter().flatten().any(|of| of["printhead"] == **name);
+        let is_silent = |of: &Span| tally.judged > 0 && !is_odd && of.1 < half && of.1 >= from_ns;
+        if let Some((_, last)) = tally.span.filter(is_silent) {
             let (last, ended) = (clock(last), clock(ended));
             let what = format!(
                 "{name} after {last}: it fell silent then, and the recording goes on to {ended}"
