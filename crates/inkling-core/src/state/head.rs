@@ -364,8 +364,7 @@ impl Head {
 
     /// Channels that ring otherwise than before a pause, as another channel in their place would: not by the
     /// first look alone, but where the mean of the looks since lies beyond what a channel moves by from day to
-    /// day ([`DRIFTED`]). Another channel differs in all that channels differ in; where a change of amplitude,
-    /// damping, frequency or phase alone is likelier, the channel is the same one with a fault that grows.
+    /// day ([`DRIFTED`]).
     pub fn replaced(&self) -> impl Iterator<Item = OtherChannel> {
         let of_looks = self.noise() * process::BETWEEN.powi(2);
         self.replaced.iter().filter_map(move |(&channel, &(since_ns, before))| {
@@ -373,27 +372,12 @@ impl Head {
             let variance = of_looks * 2.0 + self.noise() / now.looks.max(f64::MIN_POSITIVE);
             let by = now.mean() - before;
             let is_other = by.component_div(&variance.map(f64::sqrt)).norm_squared() > DRIFTED;
-            let is_known = now.looks >= process::FEW;
-            (is_other && is_known && self.differs_in_all(&by, &variance)).then(|| OtherChannel {
+            (is_other && now.looks >= process::FEW).then(|| OtherChannel {
                 channel,
                 since_ns,
                 by: self.kind.from * by,
             })
         })
-    }
-
-    /// Whether a change, canonical, is likelier as the difference of two channels than as one of a single feature that
-    /// is as large. `variance`: of what a channel changes by from day to day.
-    fn differs_in_all(&self, by: &Features, variance: &Features) -> bool {
-        let apart = Matrix4::from_diagonal(&(self.lasting() * 2.0));
-        let moved = Matrix4::from_diagonal(variance);
-        let in_features = self.kind.from * apart * self.kind.from.transpose();
-        let of_one = |feature: usize| {
-            let along = self.kind.to.column(feature);
-            ln_gaussian(by, moved + along * along.transpose() * in_features[(feature, feature)])
-        };
-        let one = (0..4).map(of_one).fold(f64::NEG_INFINITY, f64::max);
-        ln_gaussian(by, moved + apart) > one
     }
 
     fn update(&mut self, of: &Explained) {
@@ -461,10 +445,3 @@ impl Head {
 const BOUNDS: [f64; RUNGS + 1] = [DRIFTED, DRIFTED, DRIFTED, ODD_ONE];
 /// Up to this value of `Head::wider` channels count as lying as the design says.
 const ALIKE: f64 = 1.01;
-
-/// ln of the density of a Gaussian with mean 0, but for a constant; -inf without a covariance.
-fn ln_gaussian(x: &Features, covariance: Matrix4<f64>) -> f64 {
-    covariance.cholesky().map_or(f64::NEG_INFINITY, |of| {
-        -0.5 * x.dot(&of.solve(x)) - of.l().diagonal().iter().map(|d| d.ln()).sum::<f64>()
-    })
-}
