@@ -52,7 +52,7 @@ const NO_PLACE: &str = "it was judged by the state of --baseline as that is now,
     has learned from it, or from later recordings, before. Remove the file of the state to have all judged again in \
     their order";
 
-const MISDATED: &str = "most of its bursts are dated on another day than they were recorded on: it was judged by the state \
+const MISDATED: &str = "most of its bursts cannot have been acquired when they say: it was judged by the state \
     of --baseline as that is now, and taught it nothing";
 
 /// Why the run ends early, or how the single recording of a run of one failed.

@@ -7,7 +7,7 @@ use super::head_clock::{HeadClock, Step, Stretch};
 use super::log_clock::DIFFER_NS;
 use super::recording_report::NotJudged;
 use crate::report::{WrongStretch, clock};
-use inkling_io::when::YEAR_2000_NS;
+use inkling_io::when::YEAR_2010_NS;
 
 /// What was odd about the times of a recording, each printhead once: by its own times, or else by those of others; and
 /// what puts them right.
@@ -139,19 +139,20 @@ impl HeadClock {
                 duration(logged)
             ));
         }
-        let recorded = self.against_log.dated_apart();
-        (recorded.is_some() || latest_ns < YEAR_2000_NS).then(|| {
-            let recorded = recorded.map_or(String::new(), |t_ns| {
-                format!(", and were recorded on another day, {}", clock(t_ns))
-            });
+        let misdated_by = self.against_log.misdated_by_ns();
+        (misdated_by.is_some() || latest_ns < YEAR_2010_NS).then(|| {
             let dated = span(first_ns, latest_ns);
-            let times = match self.against_log.misdated_by_ns() {
-                Some(_) => "page and account have the times of the records instead, and the tables those of the bursts",
-                None => "all that is told of them has these times",
+            let times = match misdated_by {
+                Some(by_ns) => format!(
+                    ", and were recorded from {} on: page and account have the times of the records, the tables those of \
+                     the bursts",
+                    clock(first_ns.saturating_add(by_ns))
+                ),
+                None => ": all that is told of them has these times".into(),
             };
             format!(
-                "the bursts of {name} are dated {dated}{recorded}: {times}. Was its clock not set, or the unit of its \
-                 times another one?"
+                "the bursts of {name} are dated {dated}{times}. Was its clock not set, or the unit of its times another \
+                 one?"
             )
         })
     }

@@ -2,7 +2,7 @@
 //!
 //! In: both times of each burst in the order of the file ([`LogClock::hear`]). Out: a clock that was set forward, which
 //! the times of bursts alone do not tell from a pause ([`LogClock::forward`]), and bursts that were dated later than
-//! they were recorded ([`LogClock::ahead_ns`]) or on another day ([`LogClock::dated_apart`]).
+//! they were recorded ([`LogClock::ahead_ns`]) or by a clock that nobody had set ([`LogClock::misdated_by_ns`]).
 //!
 //! A recorder that writes bursts down as they come leaves a lead, `time of the burst - time of the record`, that is the
 //! same but for delays of transport. So a step is only told between two stretches in which the lead was steady for ten
@@ -10,7 +10,7 @@
 
 use super::numbers::{JUMP_NS, STEADY};
 use crate::report::{Span, whole};
-use inkling_io::when::{YEAR_2000_NS, is_misdated};
+use inkling_io::when::{YEAR_2010_NS, is_misdated};
 
 /// Delays of transport, ns; by how much clocks of two devices may differ; and how long a lead lasts that is no accident of buffers.
 const DELAY_NS: u64 = 2_000_000_000;
@@ -112,7 +112,7 @@ impl LogClock {
     pub fn ahead_ns(&self) -> Option<u64> {
         let (t_ns, logged_ns) = self.nearest?;
         let ahead_ns = t_ns.abs_diff(logged_ns);
-        let is_ahead = t_ns > logged_ns && logged_ns >= YEAR_2000_NS;
+        let is_ahead = t_ns > logged_ns && logged_ns >= YEAR_2010_NS;
         (is_ahead && (DIFFER_NS..JUMP_NS as u64).contains(&ahead_ns)).then_some(ahead_ns)
     }
 
@@ -133,15 +133,7 @@ impl LogClock {
     /// How much later the burst nearest to its record is dated than that, ns; where records have times.
     pub fn lead_ns(&self) -> Option<i64> {
         let (t_ns, logged_ns) = self.nearest?;
-        (logged_ns >= YEAR_2000_NS).then(|| t_ns.saturating_sub(logged_ns))
-    }
-
-    /// When the burst that is dated nearest to its record was recorded, ns, if that is another day; where the records
-    /// themselves have times that a clock gave.
-    pub fn dated_apart(&self) -> Option<i64> {
-        let (t_ns, logged_ns) = self.nearest?;
-        let is_apart = t_ns.abs_diff(logged_ns) > JUMP_NS as u64;
-        (is_apart && logged_ns >= YEAR_2000_NS).then_some(logged_ns)
+        (logged_ns >= YEAR_2010_NS).then(|| t_ns.saturating_sub(logged_ns))
     }
 }
 
@@ -182,12 +174,12 @@ mod tests {
     }
 
     #[test]
-    fn bursts_of_another_day_than_their_records_are_told() {
+    fn bursts_that_cannot_have_been_acquired_then_are_told() {
         let uptime = |t: i64| t + 312 * S - BEGAN;
-        assert_eq!(heard(uptime, |t| t).dated_apart().map(|t| t / S), Some(BEGAN / S));
+        assert_eq!(heard(uptime, |t| t).misdated_by_ns(), Some(BEGAN - 312 * S));
         // hours that a recorder waited for the network, and records without times
-        assert_eq!(heard(|t| t, |t| t + 20 * 3600 * S).dated_apart(), None);
-        assert_eq!(heard(|t| t, |_| -BEGAN).dated_apart(), None);
+        assert_eq!(heard(|t| t, |t| t + 20 * 3600 * S).misdated_by_ns(), None);
+        assert_eq!(heard(|t| t, |_| -BEGAN).misdated_by_ns(), None);
         let summer_time = |t: i64| t + 3600 * S;
         assert_eq!(heard(summer_time, |t| t).ahead_ns(), Some(3600 * S as u64));
         assert_eq!(heard(|t| t, summer_time).ahead_ns(), None);

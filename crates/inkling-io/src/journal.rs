@@ -64,7 +64,7 @@ pub struct Source {
     /// When it begins by what most of its bursts say, ns since 1970; only if recordings are judged in that order.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub starts_at_ns: Option<i64>,
-    /// Whether most of its bursts are dated on another day than they were recorded on: `starts_at_ns` is of the records,
+    /// Whether most of its bursts cannot have been acquired when they say: `starts_at_ns` is of the records,
     /// and the state does not learn from it.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub misdated: bool,

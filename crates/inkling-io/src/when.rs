@@ -1,8 +1,8 @@
 //! When a recording begins, by what most of its bursts say: their place in the order of recordings, and the day
 //! under which results are laid out, rest on it. One burst of a clock that was not set yet must not move it.
 //!
-//! In: a recording. Out: the earliest time that lies among those of most bursts ([`begin`]); if most are dated on
-//! another day than they were recorded on ([`is_misdated`]), that of their records. A few blocks, spread over the
+//! In: a recording. Out: the earliest time that lies among those of most bursts ([`begin`]); if most
+//! cannot have been acquired when they say ([`is_misdated`]), that of their records. A few blocks, spread over the
 //! file, are looked at.
 
 use super::recording::Recording;
@@ -19,8 +19,8 @@ const MOST_TIMES: usize = 1 << 16;
 const MOST_AWAY: u64 = 3;
 
 const DAY_NS: i64 = 86_400_000_000_000;
-/// 2000-01-01: whatever is dated earlier was dated by a clock that nobody had set.
-pub const YEAR_2000_NS: i64 = 946_684_800_000_000_000;
+/// 2010-01-01: MCAP is of 2022, so whatever is dated earlier was dated by a clock that nobody had set.
+pub const YEAR_2010_NS: i64 = 1_262_304_000_000_000_000;
 
 /// When a recording begins.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -31,11 +31,11 @@ pub struct Begin {
     pub is_misdated: bool,
 }
 
-/// Whether a burst cannot have been acquired at `t_ns` if it was recorded at `logged_ns`: more than a day later, or more
-/// than a year before. A recorder may wait for the network, or copy what another one stored.
+/// Whether a burst cannot have been acquired at `t_ns` if it was recorded at `logged_ns`: more than a day later, or by a
+/// clock that nobody had set. Earlier is no mistake: a recorder may wait for the network, or copy an archive.
 pub fn is_misdated(t_ns: i64, logged_ns: i64) -> bool {
     let lead_ns = t_ns.saturating_sub(logged_ns);
-    logged_ns >= YEAR_2000_NS && !(-366 * DAY_NS..=DAY_NS).contains(&lead_ns)
+    logged_ns >= YEAR_2010_NS && (lead_ns > DAY_NS || t_ns < YEAR_2010_NS)
 }
 
 /// The earliest time of a usable burst that lies among those of most bursts, ns since 1970. `check` is called
@@ -154,11 +154,11 @@ mod tests {
             assert_eq!(begin.t_ns, if begin.is_misdated { logged_ns } else { t_ns });
             begin.is_misdated
         };
-        let wrong = [300_000_000_000, recorded + 31 * DAY_NS, recorded - 400 * DAY_NS, -1];
+        let wrong = [300_000_000_000, recorded + 31 * DAY_NS, YEAR_2010_NS - DAY_NS, -1];
         assert!(wrong.into_iter().all(|t_ns| begin(t_ns, recorded)));
         // an archive, a clock in local time, and records without times
         assert!(
-            !begin(recorded - 300 * DAY_NS, recorded) && !begin(recorded + DAY_NS / 2, recorded)
+            !begin(recorded - 3000 * DAY_NS, recorded) && !begin(recorded + DAY_NS / 2, recorded)
         );
         assert!(!begin(recorded, 0) && !begin(300_000_000_000, 300_000_000_000));
     }
