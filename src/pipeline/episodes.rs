@@ -10,7 +10,7 @@
 //! bursts that come late, and one that tells at once, which `replay::EpisodeAnnouncer` later corrects.
 //!
 //! Whether late bursts, or those dated apart, are of a clock that was set shows only with those that follow. Until then
-//! they are held ([`Held`]): they belong to the stretch that begins; or else late ones to the one that goes on, and
+//! they are held (`Held`): they belong to the stretch that begins; or else late ones to the one that goes on, and
 //! no fault is followed over the others.
 
 use super::Result;

@@ -62,7 +62,7 @@ impl Tracker {
     }
 
     /// Takes in one burst of a printhead, in the recording's order. The earliest bursts of that
-    /// printhead are looked at while more than `reorder_signals` of it, or [`MOST_WAITING`] of all, wait.
+    /// printhead are looked at while more than `reorder_signals` of it, or `MOST_WAITING` of all, wait.
     pub fn push(&mut self, printhead: &Arc<str>, looks: Looks) {
         let is_full = self.printheads.len() >= MOST_PRINTHEADS;
         if is_full && !self.printheads.contains_key(printhead) {
