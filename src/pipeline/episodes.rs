@@ -30,8 +30,8 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 const MOST_LISTED: usize = 1 << 14;
-/// Most signals of a printhead that are held: what a head of 65,536 channels leaves until its clock counts as set.
-const MOST_HELD: usize = 1 << 19;
+/// Most signals that are held, of all printheads.
+const MOST_HELD: usize = 1 << 22;
 
 pub struct EpisodeTap<'a> {
     tracker: Tracker,
@@ -40,6 +40,8 @@ pub struct EpisodeTap<'a> {
     table: Option<EpisodeWriter>,
     /// Bursts that are late or dated apart, by printhead.
     held: BTreeMap<Arc<str>, Held>,
+    /// Number of their signals.
+    held_signals: usize,
     /// The models of the judges met so far, with which signals are compared, by number.
     models: BTreeMap<u16, Arc<HealthyModel>>,
     listed: Vec<Episode>,
@@ -82,6 +84,7 @@ impl<'a> EpisodeTap<'a> {
             watched: watch.map(|watch| (watch, tracker().at_once())),
             table,
             held: BTreeMap::new(),
+            held_signals: 0,
             models: BTreeMap::new(),
             listed: Vec::new(),
         })
@@ -140,7 +143,7 @@ impl<'a> EpisodeTap<'a> {
                 Standing::Set | Standing::InOrder => {}
             }
             let (printhead, looks) = self.looks(burst, &c.printheads, &judged.own);
-            let mut held = self.held.remove(&printhead).unwrap_or_default();
+            let mut held = self.release(&printhead);
             if set == Some((looks.t_ns, at.printhead)) {
                 held.bursts.iter_mut().for_each(|(_, standing)| *standing = Standing::InOrder);
             }
@@ -198,10 +201,17 @@ impl<'a> EpisodeTap<'a> {
         let held = self.held.entry(printhead.clone()).or_default();
         let is_next_moment = held.bursts.last().is_none_or(|(last, _)| last.t_ns != looks.t_ns);
         held.moments += u32::from(is_next_moment);
-        held.signals += looks.ratios.len();
+        self.held_signals += looks.ratios.len();
         held.bursts.push((looks, standing));
-        let are_many = held.moments >= STEADY || held.signals > MOST_HELD;
-        are_many.then(|| self.held.remove(printhead)).flatten()
+        let are_many = held.moments >= STEADY || self.held_signals > MOST_HELD;
+        are_many.then(|| self.release(printhead))
+    }
+
+    /// The bursts of a printhead that were held; no more are.
+    fn release(&mut self, printhead: &Arc<str>) -> Held {
+        let held = self.held.remove(printhead).unwrap_or_default();
+        self.held_signals -= held.bursts.iter().map(|(looks, _)| looks.ratios.len()).sum::<usize>();
+        held
     }
 
     /// A burst as the trackers take it. `own`: as in [`JudgedBatch::own`].
@@ -274,7 +284,6 @@ fn list(
 struct Held {
     bursts: Vec<(Looks, Standing)>,
     moments: u32,
-    signals: usize,
 }
 
 struct OpenBurst {

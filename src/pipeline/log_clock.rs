@@ -126,6 +126,7 @@ impl LogClock {
     /// How far the bursts are dated apart and how far their records, ns, where time goes at less than a tenth of its pace:
     /// a recorder may hand on in a moment what took long, and hardly the other way round.
     pub fn slow(&self) -> Option<[u64; 2]> {
+        self.logged.filter(|of| of.0 >= YEAR_2010_NS)?;
         let [dated, logged] = [self.dated?, self.logged?].map(|(from, to)| to.abs_diff(from));
         (logged >= LASTS_NS as u64 && dated > 0 && dated < logged / 10).then_some([dated, logged])
     }
