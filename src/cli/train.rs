@@ -14,7 +14,7 @@ use super::collected::{Collected, RecordingSource, collected};
 use super::effect::{self, Command};
 use super::exit::{Exit, Failure};
 use super::output;
-use super::progress::{Progress, thousands};
+use super::progress::{Progress, counted, thousands};
 use super::replay::PRESETS;
 use super::report::printable;
 use crate::report::{Column, columns};
@@ -297,8 +297,9 @@ fn document(args: &Args, learned: &TrainedDesign) -> serde_json::Value {
 fn tell(args: &Args, learned: &TrainedDesign) -> std::io::Result<()> {
     let TrainedDesign { design, reviews, unused, .. } = learned;
     let mut out = output::report();
-    let (printheads, classes) = (design.models.len(), design.classes.len());
-    writeln!(out, "{}: {printheads} printheads, {classes} classes", args.out.display())?;
+    let printheads = counted(design.models.len() as u64, "printhead");
+    let classes = design.classes.len();
+    writeln!(out, "{}: {printheads}, {classes} classes", args.out.display())?;
     for (label, n) in &design.signals {
         writeln!(out, "  {:>10} {}", thousands(*n), printable(label))?;
     }

@@ -275,7 +275,7 @@ pub(super) fn choose_columns(
     // what numbers the rows stands before the time, or else first; remarks stand last; times that are not asked for
     // are no output either
     let is_no_output = |c: usize| {
-        time_column::is_time(&names[c])
+        time_column::has_word_for_time(&names[c])
             || c <= time.unwrap_or(0) && time_column::numbers_rows(&names[c])
             || c + 1 == names.len() && time_column::holds_remarks(&names[c])
     };

@@ -133,12 +133,17 @@ pub(super) fn words(name: &str) -> Vec<String> {
 
 /// Whether a column is called time.
 pub(super) fn is_time(column: &str) -> bool {
+    let is_unit = || matches!(TimeUnit::in_name(column), Ok(Some(_)));
+    has_word_for_time(column) || words(column).len() == 1 && is_unit()
+}
+
+/// The same, but for a column that is called like a unit alone: D or S may be an output.
+pub(super) fn has_word_for_time(column: &str) -> bool {
     let words = words(column);
     let has_unit = || matches!(TimeUnit::in_name(column), Ok(Some(_)));
     words.iter().any(|word| is_one_of(word, TIMES))
         // a capital T is more often a temperature
         || words.first().is_some_and(|word| word == "t") && (column.trim() == "t" || has_unit())
-        || words.len() == 1 && has_unit()
 }
 
 /// Whether a column numbers the rows, by its name.
@@ -217,5 +222,12 @@ mod tests {
         {
             assert!(!is_time(name), "{name}");
         }
+    }
+
+    #[test]
+    fn a_further_column_is_of_time_by_a_word_for_it_and_not_by_a_unit_alone() {
+        let [of_time, outputs] = [["t_s", "t", "Timestamp", "Zeit (ms)"], ["D", "S", "ms", "T"]];
+        assert!(of_time.into_iter().all(has_word_for_time));
+        assert!(!outputs.into_iter().any(has_word_for_time));
     }
 }
