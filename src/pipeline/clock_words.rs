@@ -4,16 +4,20 @@
 //! of bursts whose times stand in no order with others ([`told`]).
 
 use super::head_clock::{HeadClock, Step, Stretch};
-use super::log_clock::DIFFER_NS;
+use super::numbers::DIFFER_NS;
 use super::recording_report::NotJudged;
 use crate::report::{WrongStretch, clock};
 use inkling_io::when::YEAR_2010_NS;
+use std::collections::BTreeSet;
 
 /// What was odd about the times of a recording, each printhead once: by its own times, or else by those of others; and
 /// what puts them right.
 pub fn told(mut clocks: Vec<HeadClock>) -> (Vec<NotJudged>, Vec<WrongStretch>) {
     let against = against_each_other(&clocks);
-    let wrong = clocks.iter_mut().flat_map(HeadClock::wrong_times).collect();
+    // a printhead that was sampled in two ways has two clocks in here, and its times are put right once
+    let mut met = BTreeSet::new();
+    let each_once = clocks.iter_mut().filter(|of| met.insert(of.key.printhead.clone()));
+    let wrong = each_once.flat_map(HeadClock::wrong_times).collect();
     let mut told: Vec<NotJudged> = clocks.into_iter().filter_map(HeadClock::told).collect();
     let is_new = |of: &NotJudged| told.iter().all(|known| known.printhead != of.printhead);
     let against: Vec<NotJudged> = against.into_iter().filter(is_new).collect();

@@ -66,10 +66,10 @@ pub enum Standing {
 pub(super) struct Stretch {
     pub(super) first_ns: i64,
     pub(super) latest_ns: i64,
-    pub(super) moments: u32,
-    pub(super) bursts: u64,
+    moments: u32,
+    bursts: u64,
     /// The longest time between two of its moments.
-    pub(super) widest_ns: i64,
+    widest_ns: i64,
 }
 
 impl Stretch {
@@ -100,7 +100,7 @@ pub(super) struct Step {
 }
 
 impl Step {
-    pub(super) fn by_ns(&self) -> u64 {
+    fn by_ns(&self) -> u64 {
         self.after_ns.abs_diff(self.expected_ns)
     }
 }
@@ -108,18 +108,18 @@ impl Step {
 #[derive(Clone, Debug)]
 pub struct HeadClock {
     pub key: GroupKey,
-    pub(super) order: FileOrder,
+    order: FileOrder,
     /// Beyond this, ns, a burst is dated apart: [`JUMP_NS`], or more where bursts are known to be further apart.
-    pub(super) jump_ns: i64,
+    jump_ns: i64,
     pub(super) bursts: u64,
     /// The bursts of the present stretch, and those that came last and are late or strays.
     pub(super) stretch: Option<Stretch>,
-    pub(super) aside: Option<Stretch>,
+    aside: Option<Stretch>,
     /// Number of strays, and the times of the first and last of them in the file, ns.
     pub(super) strays: u64,
     pub(super) strays_at: Option<(i64, i64)>,
     /// From when to when strays are dated that follow each other, at most [`MOST_STEPS`] times.
-    pub(super) strays_ns: Vec<[i64; 2]>,
+    strays_ns: Vec<[i64; 2]>,
     /// Number of late bursts, and by how much the latest of them are late, ns.
     pub(super) late: u64,
     pub(super) latest_ns: u64,
@@ -127,7 +127,7 @@ pub struct HeadClock {
     pub(super) steps: u64,
     pub(super) largest: Option<Step>,
     /// Where it was set back, at most [`MOST_STEPS`].
-    pub(super) wrong: Vec<WrongStretch>,
+    wrong: Vec<WrongStretch>,
     pub(super) against_log: LogClock,
 }
 

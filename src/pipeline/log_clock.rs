@@ -8,14 +8,9 @@
 //! same but for delays of transport. So a step is only told between two stretches in which the lead was steady for ten
 //! seconds: what writes in blocks, or copies an archive, has no steady lead and tells nothing of clocks.
 
-use super::numbers::{JUMP_NS, STEADY};
+use super::numbers::{DELAY_NS, DIFFER_NS, JUMP_NS, LASTS_NS, STEADY};
 use crate::report::{Span, whole};
 use inkling_io::when::{YEAR_2010_NS, is_misdated};
-
-/// Delays of transport, ns; by how much clocks of two devices may differ; and how long a lead lasts that is no accident of buffers.
-const DELAY_NS: u64 = 2_000_000_000;
-pub const DIFFER_NS: u64 = 60_000_000_000;
-const LASTS_NS: i64 = 10_000_000_000;
 
 /// Bursts with one lead.
 #[derive(Clone, Copy, Debug)]
@@ -123,8 +118,8 @@ impl LogClock {
         Some(logged_ns.saturating_sub(t_ns))
     }
 
-    /// How far the bursts are dated apart and how far their records, ns, where time goes at less than a tenth of its pace:
-    /// a recorder may hand on in a moment what took long, and hardly the other way round.
+    /// How far the bursts are dated apart and how far their records, ns, where time goes at less than a tenth of its
+    /// pace: a recorder may hand on in a moment what took long, and hardly the other way round.
     pub fn slow(&self) -> Option<[u64; 2]> {
         self.logged.filter(|of| of.0 >= YEAR_2010_NS)?;
         let [dated, logged] = [self.dated?, self.logged?].map(|(from, to)| to.abs_diff(from));

@@ -5,6 +5,12 @@
 pub const JUMP_NS: i64 = 86_400_000_000_000;
 /// So many moments in a row are no accident: a clock was set.
 pub const STEADY: u32 = 8;
+/// By how much delays of transport differ, ns.
+pub const DELAY_NS: u64 = 2_000_000_000;
+/// By how much the clocks of two devices may differ, ns.
+pub const DIFFER_NS: u64 = 60_000_000_000;
+/// How long a lead over the records lasts that is no accident of buffers, ns.
+pub const LASTS_NS: i64 = 10_000_000_000;
 /// A head does not change within this time, ns: ink and supplies take seconds.
 pub const LOOK_EVERY_NS: i64 = 50_000_000;
 /// The time between two looks at a head is at most this part of the time since the first one.

@@ -2,8 +2,9 @@
 //!
 //! In: stretches of printheads' bursts that are dated wrongly ([`WrongStretch`], from the recording's summary), its
 //! episodes, and its verdicts in the order of the file. Out: the same with times that can be compared: those of the
-//! records for bursts that cannot have been acquired when they say, after a clock that was set back those that the clock
-//! would have had, and for a burst that is dated apart that of the burst before it. The tables keep the times that the bursts have.
+//! records for bursts that cannot have been acquired when they say, after a clock that was set back those that the
+//! clock would have had, and for a burst that is dated apart that of the burst before it. The tables keep the times
+//! that the bursts have.
 
 use inkling_core::episodes::Episode;
 use inkling_core::verdict::VerdictColumns;

@@ -194,7 +194,8 @@ pub fn trend(course: &Course, from_ns: i64, to_ns: i64) -> Option<Trend> {
 
 /// The line through the latest of the points (days, severity) that follow one line. If the line
 /// through the later half (of the time) has a slope whose interval does not overlap that of all
-/// points, the earlier half is dropped, and the later half is looked at in the same way; so is the later of two nights. `None`:
+/// points, the earlier half is dropped, and the later half is looked at in the same way; so is the later of two nights.
+/// `None`:
 /// `line` gives none, or the points span less than `LEAST_SPAN`.
 fn latest_line(points: &[(f64, f64)]) -> Option<Trend> {
     let pause = |pair: &[(f64, f64)]| (pair[1].0 - pair[0].0) * DAY_NS > PAUSE_NS as f64;
