@@ -194,7 +194,8 @@ def results(out):
 
 def same(out, wanted, run_too=True):
     """Each recording once, each result as from one machine; nothing else is left."""
-    assert results(out) == results(wanted), (out, wanted)
+    now, then = results(out), results(wanted)
+    assert now == then, sorted(name for name in now.keys() | then.keys() if now.get(name) != then.get(name))
     lines, of_wanted = journal(out), journal(wanted)
     assert lines == of_wanted, f"{len(lines)} lines, {len(of_wanted)} are wanted"
     paths = [line["recording"]["path"] for line in lines]

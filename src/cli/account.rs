@@ -83,8 +83,9 @@ fn not_whole(entry: &Entry) -> Option<String> {
     let rejected = || {
         let by_reason = entry.counts["rejected"].as_object()?.iter();
         let by_reason = by_reason.filter_map(|(why, n)| Some((Reason::of(why)?, n.as_u64()?)));
-        let each: Vec<String> =
-            by_reason.map(|(why, n)| format!("{n} signals rejected: {}", why.in_words())).collect();
+        let each: Vec<String> = by_reason
+            .map(|(why, n)| format!("{} rejected: {}", counted(n, "signal"), why.in_words()))
+            .collect();
         (!each.is_empty()).then(|| each.join("; "))
     };
     match entry.outcome {

@@ -8,6 +8,7 @@
 use super::exit::{Exit, Failure};
 use super::output;
 use super::progress::complain;
+use super::report_page::ACCOUNT_NAME;
 use crate::report::{ACKNOWLEDGED_COLUMNS as COLUMNS, Acknowledged, acknowledged_time, clock};
 use clap::ArgGroup;
 use inkling_io::file_error::FileError;
@@ -15,12 +16,15 @@ use inkling_io::journal::{self, Journal};
 use inkling_io::regular_file::{self, if_there};
 use inkling_io::table_text::{TextError, TextOptions, TextTable};
 use inkling_io::{part_file, printable};
+use serde_json::Value;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
 pub const ACKNOWLEDGED_NAME: &str = "acknowledged.csv";
 /// Most bytes of that file that are read: a hundred thousand lines.
 const MOST_BYTES: u64 = 16 << 20;
+/// Most bytes of an account.
+const MOST_ACCOUNT_BYTES: u64 = 1 << 30;
 const OPTIONS: TextOptions = TextOptions { skip_lines: 0, comments: true, most_bytes: MOST_BYTES };
 /// Most mistakes that are told of one file.
 const MOST_MISTAKES: usize = 20;
@@ -74,15 +78,21 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     let mut checked = Acknowledged::default();
     checked.add(cells.each_ref().map(|cell| cell.as_str())).map_err(Failure::usage)?;
     append(&args.out.join(ACKNOWLEDGED_NAME), &cells)?;
-    let journal = Journal::read(&args.out).unwrap_or_default();
-    let mut recordings = journal.recordings();
-    let is_there = recordings.any(|of| checked.knows_recording(&of.recording.path).is_some());
-    if args.damage.is_some() && !is_there {
-        complain("warning: no recording that was judged here is called so");
-    }
     let [what, recording, printhead, channel, from, until, _] = &cells;
-    let times = [("from", from), ("until", until)].into_iter().filter(|(_, time)| !time.is_empty());
+    if args.damage.is_some() {
+        let journal = Journal::read(&args.out).unwrap_or_default();
+        let mut recordings = journal.recordings();
+        if !recordings.any(|of| checked.knows_recording(&of.recording.path).is_some()) {
+            complain("warning: no recording that was judged here is called so");
+        }
+    } else if let Some(account) = account(&args.out) {
+        warn_of_the_unknown(&account, printhead, channel, args.known.is_some());
+    }
+    let begin = if args.known.is_some() { ", faults that began" } else { "" };
+    let times = [("from", from), ("before", until)].into_iter();
+    let times = times.filter(|(_, time)| !time.is_empty());
     let times: String = times.map(|(word, time)| format!(" {word} {time}")).collect();
+    let times = if times.is_empty() { times } else { format!("{begin}{times}") };
     let of = match (recording.as_str(), channel.as_str()) {
         ("", "") => format!("all of {printhead}"),
         ("", channel) => format!("{printhead} channel {channel}"),
@@ -95,6 +105,33 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
         place.display()
     )?;
     Ok(Exit::Done)
+}
+
+/// What was told of the results last; `None`: there is no account of them.
+fn account(out: &Path) -> Option<Value> {
+    let text = regular_file::read(&out.join(ACCOUNT_NAME), MOST_ACCOUNT_BYTES).ok()?;
+    serde_json::from_slice(&text).ok()
+}
+
+/// Warns where nothing is told of a printhead or of a channel, since its name is most likely misspelt. The line
+/// counts nevertheless: its recordings may come. `is_fault`: what is told must be a fault.
+fn warn_of_the_unknown(account: &Value, printhead: &str, channel: &str, is_fault: bool) {
+    let mut statements = account["statements"].as_array().into_iter().flatten();
+    let is_it = |of: &Value| {
+        let is_channel = channel.is_empty() || of["channel"].to_string() == channel;
+        of["printhead"] == printhead && is_channel && (!is_fault || of["fault"].is_object())
+    };
+    let mut heads = account["printheads"].as_array().into_iter().flatten();
+    let is_told = statements.any(is_it);
+    let has_signals = heads.any(|of| of["printhead"] == printhead);
+    let name = printable::cell(printhead);
+    if is_fault && !is_told {
+        complain(&format!(
+            "warning: no fault of {name} channel {channel} is told of these results"
+        ));
+    } else if !is_told && !has_signals {
+        complain(&format!("warning: these results have no printhead {name}"));
+    }
 }
 
 /// The cells of the line, in the order of the columns.

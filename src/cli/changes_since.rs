@@ -2,10 +2,11 @@
 //! that are new, that came back, that got worse or were cured, and what was not judged. In: the earlier
 //! `run.json` and a report, from `report_page`. Out: text or JSON.
 //!
-//! The report is of the results as they lie now. Results that the earlier run had and that were not
-//! made anew since are what was known then; all other results are what came since, even if their
-//! recordings are of an earlier time. This file decides which results are which (`has_results`),
-//! adds what was not judged since, and prints; `Changes::since` divides the faults.
+//! The report is of the results as they lie now. Recordings that the earlier run had judged are what was
+//! known then, also where they were judged again since; all others are what came since, even if they are of
+//! an earlier time. This file decides which recordings are which (`has_results`) and, for nights, which
+//! faults were told (`was_told`), adds what was not judged since, and prints; `Changes::since` divides the
+//! faults.
 
 use super::account::{MOST_RUN_BYTES, RUN_NAME, Row};
 use super::exit::Failure;
@@ -13,7 +14,7 @@ use super::lost;
 use super::progress::{counted, first_few, thousands};
 use super::report::printable;
 use crate::pipeline::rfc3339;
-use crate::report::{Changes, Fault, HeadChange, Report, clock};
+use crate::report::{Changes, Fault, HeadChange, Report, Story, clock};
 use inkling_io::file_error::FileError;
 use inkling_io::inputs::Input;
 use inkling_io::journal::{Entry, Means};
@@ -36,13 +37,47 @@ pub struct EarlierRun {
     by: Option<Means>,
     /// A row for each recording that it was given.
     recordings: Vec<Row>,
+    /// The faults that nights have told; `None`: nobody noted which.
+    #[serde(skip)]
+    faults: Option<Vec<ToldFault>>,
     /// The path by which the run was given.
     #[serde(skip)]
     run: PathBuf,
+    /// What it is called: "that run" or "the last night".
+    #[serde(skip)]
+    called: &'static str,
     /// Not of the earlier run: what the journals say now of the report's tables, by the names that the report
     /// gives to recordings ([`lost::entries`]).
     #[serde(skip)]
     now: BTreeMap<String, Arc<Entry>>,
+}
+
+/// A fault that was told, from its onset to its last look, ns since 1970.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ToldFault {
+    printhead: String,
+    channel: u32,
+    from_ns: i64,
+    to_ns: i64,
+}
+
+impl ToldFault {
+    pub fn of(story: &Story) -> ToldFault {
+        ToldFault {
+            printhead: story.printhead.to_string(),
+            channel: story.channel,
+            from_ns: story.began_at_ns,
+            to_ns: story.last_look_ns(),
+        }
+    }
+
+    /// Whether it is the fault that is told now. Where its recordings were judged again, by other settings
+    /// say, it may begin and end a little elsewhere.
+    fn is(&self, story: &Story) -> bool {
+        (&*self.printhead, self.channel) == (&*story.printhead, story.channel)
+            && self.from_ns <= story.last_look_ns()
+            && self.to_ns >= story.began_at_ns
+    }
 }
 
 /// Whether a row is of the recording that a report calls `name`. The row has the path of the
@@ -71,12 +106,23 @@ impl EarlierRun {
             let path = path.display();
             Failure::usage(format!("{path}: not the {RUN_NAME} of a replay{what}"))
         })?;
-        Ok(EarlierRun { run: run.into(), now: lost::entries(tables), ..earlier })
+        Ok(EarlierRun {
+            run: run.into(),
+            called: "that run",
+            now: lost::entries(tables),
+            ..earlier
+        })
     }
 
-    /// What was told of recordings, as `path` keeps it, in the place of an earlier run.
-    pub fn told(path: &Path, recordings: Vec<Row>, tables: &[Input]) -> EarlierRun {
-        EarlierRun { by: None, recordings, run: path.into(), now: lost::entries(tables) }
+    /// What nights have told of recordings and of faults, as `path` keeps it, in the place of an earlier run.
+    pub fn told(
+        path: &Path,
+        recordings: Vec<Row>,
+        faults: Option<Vec<ToldFault>>,
+        tables: &[Input],
+    ) -> EarlierRun {
+        let (run, now) = (path.into(), lost::entries(tables));
+        EarlierRun { by: None, recordings, faults, run, called: "the last night", now }
     }
 
     /// Whether the earlier run has a row, with a verdict table, for the recording that the report calls
@@ -85,24 +131,25 @@ impl EarlierRun {
         self.recordings.iter().any(|row| is_of(row, name))
     }
 
-    /// Whether the results that the report calls `name` are those that the earlier run left: the
-    /// recording was judged by then, and was not judged again since. The recording was not judged
-    /// again if the journal's last entry has the time of the earlier run's row, the same content of
-    /// the recording and the same design, labels and settings. The time alone does not tell, as it
-    /// is kept to the second.
+    /// Whether the earlier run had judged the recording that the report calls `name`, with the content that it
+    /// has now and, where it says so, by the same design, labels and settings. When it was judged says nothing:
+    /// a recording that was judged again is no newer.
     fn has_results(&self, name: &str) -> bool {
-        // whether the row is of the results that lie there now; without a time or a journal it
-        // is taken for that
+        // whether the row is of the results that lie there now; without a journal it is taken for that
         let same = |then: &Row| {
-            self.now.get(name).zip(then.judged_at.as_ref()).is_none_or(|(now, at)| {
-                *at == now.at
-                    && then.digest == now.recording.digest
+            self.now.get(name).is_none_or(|now| {
+                then.digest == now.recording.digest
                     && self.by.as_ref().is_none_or(|by| *by == now.by)
             })
         };
         // recordings of several directories may have this name
         let mut rows = self.recordings.iter();
         rows.any(|row| is_of(row, name) && row.outcome.is_judged() && same(row))
+    }
+
+    /// Whether nights have told of a fault; `None`: nobody noted of which they have.
+    fn was_told(&self, story: &Story) -> Option<bool> {
+        self.faults.as_ref().map(|told| told.iter().any(|of| of.is(story)))
     }
 
     /// Whether the earlier run has told that there are no verdicts of the recording whose path ends with
@@ -116,9 +163,10 @@ impl EarlierRun {
 
 /// What has changed since an earlier run, according to the results that it did not have.
 pub struct ChangesSince<'a> {
-    /// The path by which the earlier run was given.
-    run: &'a Path,
+    earlier: &'a EarlierRun,
     changes: Changes<'a>,
+    /// Number of faults that are on and that somebody has acknowledged.
+    known: usize,
     /// What happened to whole printheads in the recordings since then.
     heads: Vec<&'a HeadChange>,
     /// Printheads, recordings and parts of recordings that were not judged since then, and why.
@@ -154,7 +202,7 @@ impl<'a> ChangesSince<'a> {
                  run that wrote some of them"
             )));
         }
-        let changes = Changes::since(lines, faults, has_results);
+        let changes = Changes::since(lines, faults, has_results, |of| earlier.was_told(of));
 
         // What was not judged since, in three parts. First printheads that were judged before and
         // in no recording since; if there is no recording since, that says nothing, and none is
@@ -179,18 +227,21 @@ impl<'a> ChangesSince<'a> {
         let damaged = damaged.filter(|line| !has_results(&line.name));
         let damaged = damaged.map(|line| Unjudged::new(&line.name, &line.flaws)).collect();
         let heads = report.head_changes.iter().filter(|of| !has_results(&of.recording)).collect();
-        Ok(ChangesSince { run: &earlier.run, changes, heads, unjudged, damaged })
+        let known = report.open().filter(|fault| fault.story.known.is_some()).count();
+        Ok(ChangesSince { earlier, changes, known, heads, unjudged, damaged })
     }
 
-    /// The changes as JSON. Its key `still` has the number of faults that are on as before.
+    /// The changes as JSON. Its key `still` has the number of faults that are on as before, `known`
+    /// of those that are acknowledged.
     pub fn as_json(&self) -> Value {
         let Changes { from_ns, to_ns, recordings, still, .. } = &self.changes;
         let mut document = json!({
-            "since": self.run,
+            "since": self.earlier.run,
             "from": (*recordings > 0).then(|| rfc3339(*from_ns)),
             "to": (*recordings > 0).then(|| rfc3339(*to_ns)),
             "recordings": recordings,
             "still": still,
+            "known": self.known,
             "unjudged": self.unjudged,
             "heads": self.heads.iter().map(|of| head_as_json(of)).collect::<Value>(),
             "damaged": self.damaged,
@@ -203,12 +254,13 @@ impl<'a> ChangesSince<'a> {
 
     pub fn print(&self, out: &mut impl Write) -> std::io::Result<()> {
         let Changes { from_ns, to_ns, recordings, still, .. } = &self.changes;
+        let then = self.earlier.called;
         if *recordings > 0 {
             let (from, to) = (clock(*from_ns), clock(*to_ns));
             let count = counted(*recordings as u64, "recording");
-            writeln!(out, "{count} since that run, from {from} to {to} UTC")?;
+            writeln!(out, "{count} since {then}, from {from} to {to} UTC")?;
         } else {
-            writeln!(out, "no recording has verdicts that it had not at that run")?;
+            writeln!(out, "nothing new was judged since {then}")?;
         }
         let line = |of: &&HeadChange| {
             format!("{}: {}", printable(&of.printhead), printable::line(&of.what, 600))
@@ -233,10 +285,13 @@ impl<'a> ChangesSince<'a> {
         if *recordings > 0 && no_fault && self.heads.is_empty() {
             writeln!(out, "no change, of what was judged")?;
         }
-        match *still as u64 {
-            0 => Ok(()),
-            n => writeln!(out, "{} to clean as before", counted(n, "channel")),
+        if *still > 0 {
+            writeln!(out, "{} to clean as before", counted(*still as u64, "channel"))?;
         }
+        if self.known > 0 {
+            writeln!(out, "{} acknowledged as known", counted(self.known as u64, "fault"))?;
+        }
+        Ok(())
     }
 }
 

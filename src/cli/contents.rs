@@ -3,7 +3,7 @@
 //! with what is unusable, what is damaged, and what is odd about the times.
 
 use super::exit::Exit;
-use super::progress::thousands;
+use super::progress::{counted, thousands};
 use super::report::printable;
 use crate::pipeline::clock_words;
 use crate::pipeline::groups::GroupKey;
@@ -117,10 +117,11 @@ impl Contents {
         for ((printhead, samples, period_ps), group) in &self.groups {
             let BurstGroup { first_channel, last_channel, .. } = group;
             let (head, period_ns) = (printable(printhead), *period_ps as f64 / 1e3);
-            let [bursts, signals] = [group.bursts, group.signals].map(thousands);
-            let every = format!("{signals} signals of {samples} samples every {period_ns} ns");
+            let (bursts, signals) =
+                (counted(group.bursts, "burst"), counted(group.signals, "signal"));
+            let every = format!("{signals} of {samples} samples every {period_ns} ns");
             let channels = format!("channels {first_channel} to {last_channel}");
-            writeln!(out, "  {head:<16} {bursts} bursts, {every}, {channels}")?;
+            writeln!(out, "  {head:<16} {bursts}, {every}, {channels}")?;
             let [from, to] = [group.first_ns, group.last_ns].map(time);
             let recorded = |yes: bool| if yes { "recorded" } else { "not recorded" };
             let [temperature, voltage] = [group.temperature, group.voltage].map(recorded);
@@ -128,7 +129,7 @@ impl Contents {
             writeln!(out, "  {:<16} {from} to {to}; {covariates}", "")?;
         }
         if self.beyond > 0 {
-            writeln!(out, "  and {} bursts of further printheads", thousands(self.beyond))?;
+            writeln!(out, "  and {} of further printheads", counted(self.beyond, "burst"))?;
         }
         for told in self.odd_times() {
             writeln!(out, "  clock    {told}")?;

@@ -6,7 +6,7 @@
 //! with the last one that was told to its end: where a run is killed, or nobody takes its output, the next one tells it.
 
 use super::account::{MOST_RUN_BYTES, RUN_NAME, Row};
-use super::changes_since::{ChangesSince, EarlierRun};
+use super::changes_since::{ChangesSince, EarlierRun, ToldFault};
 use super::exit::{Exit, Failure};
 use super::metrics::{self, ByCategory, Found};
 use super::output;
@@ -67,6 +67,9 @@ struct Kept {
     succeeded_at: Option<String>,
     /// What became of each recording, as it was told last.
     recordings: Vec<Row>,
+    /// The faults that were told. `None`: a file of 0.2.0, which had only recordings.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    faults: Option<Vec<ToldFault>>,
 }
 
 /// How a run ended, as its account says.
@@ -124,7 +127,7 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
         write_json(&account_at, &read.report.account())?;
         if !is_quiet {
             kept.tell(read, found, &kept_at)?;
-            kept.take(run.recordings.clone());
+            kept.take(run.recordings.clone(), &read.report);
         }
     }
     let ended = match (ended, &read) {
@@ -183,7 +186,7 @@ impl Kept {
     /// Tells what changed since the night that was told last, or all where there was none.
     fn tell(&self, read: &ReadReport, found: &[Input], path: &Path) -> Result<(), Failure> {
         let mut out = std::io::stdout().lock();
-        let earlier = EarlierRun::told(path, self.recordings.clone(), found);
+        let earlier = EarlierRun::told(path, self.recordings.clone(), self.faults.clone(), found);
         match ChangesSince::of(&earlier, &read.report) {
             Ok(changes) => changes.print(&mut out)?,
             Err(_) => {
@@ -194,8 +197,11 @@ impl Kept {
         Ok(out.flush()?)
     }
 
-    /// Takes over what was told of the recordings of a run. One that had no turn stays as it was.
-    fn take(&mut self, told: Vec<Row>) {
+    /// Takes over what was told of the recordings of a run, and of the faults. A recording that had no turn stays
+    /// as it was.
+    fn take(&mut self, told: Vec<Row>, report: &Report) {
+        let latest = report.faults.iter().filter(|fault| fault.is_latest);
+        self.faults = Some(latest.map(|fault| ToldFault::of(&fault.story)).collect());
         let told: Vec<Row> =
             told.into_iter().filter(|row| row.outcome != Outcome::NotReached).collect();
         let recordings: BTreeSet<&str> = told.iter().map(|row| row.recording.as_str()).collect();

@@ -3,7 +3,7 @@
 //! in which names from files are made harmless. (The page of `inkling report` is made elsewhere:
 //! `report_page`.)
 
-use super::progress::{first_few, thousands};
+use super::progress::{counted, first_few, thousands};
 use crate::pipeline::RecordingReport;
 use crate::pipeline::tally::PrintheadTally;
 use crate::report::clock;
@@ -39,9 +39,10 @@ pub fn print(report: &RecordingReport, detail: Detail, out: &mut impl Write) -> 
 fn print_counts(report: &RecordingReport, out: &mut impl Write) -> io::Result<()> {
     let (counts, seconds) = (&report.tally.counts, report.seconds);
     let rate = (counts.signals as f64 / seconds.max(1e-9)) as u64;
-    let [signals, bursts, rate] = [counts.signals, counts.bursts, rate].map(thousands);
+    let (signals, bursts) = (counted(counts.signals, "signal"), counted(counts.bursts, "burst"));
+    let rate = thousands(rate);
     writeln!(out, "{}", printable_path(&report.name))?;
-    writeln!(out, "  {signals} signals in {bursts} bursts, {seconds:.1} s, {rate} signals/s")?;
+    writeln!(out, "  {signals} in {bursts}, {seconds:.1} s, {rate} signals/s")?;
     if let Some(paced) = report.paced {
         let behind_s = paced.behind.as_secs_f64();
         writeln!(out, "  at the pace that was asked for, at most {behind_s:.3} s behind")?;
@@ -63,8 +64,8 @@ fn print_flagged(report: &RecordingReport, out: &mut impl Write) -> io::Result<(
     if report.tally.counts.judged == 0 {
         return writeln!(out, "  nothing could be judged");
     }
-    let [episodes, still_on] = [episodes, still_on].map(thousands);
-    write!(out, "  flagged {share:.2} %, {episodes} fault episodes, ")?;
+    let (episodes, still_on) = (counted(episodes, "fault episode"), thousands(still_on));
+    write!(out, "  flagged {share:.2} %, {episodes}, ")?;
     writeln!(out, "{still_on} of them still on at the end")
 }
 
@@ -104,7 +105,12 @@ fn print_printhead(name: &str, printhead: &PrintheadTally, out: &mut impl Write)
         0 => "not judged".to_owned(),
         _ => format!("{share:>6.2} %"),
     };
-    let (channels, signals) = (printhead.channels.len(), thousands(printhead.signals));
+    // channels are counted as they are judged
+    let channels = match (printhead.channels.len(), printhead.judged) {
+        (0, _) | (_, 0) => "-".to_owned(),
+        (channels, _) => thousands(channels as u64),
+    };
+    let signals = thousands(printhead.signals);
     writeln!(out, "  {name:<20} {channels:>8} {signals:>10} {flagged}")
 }
 

@@ -177,6 +177,11 @@ pub fn note_not_judged(
         let list = if topic.by_dialect { &mut all } else { &mut report.unread };
         list.push(nobody_reads(topic));
     }
+    report.unread.extend(recording.silent.iter().map(|topic| NotJudged {
+        topic: Some(topic.clone()),
+        what: format!("topic {topic}: is there for bursts, and has none"),
+        ..NotJudged::default()
+    }));
     let unusable = tally.counts.unusable_bursts;
     if unusable > 0
         && let Some(first) = recording.first_unusable()

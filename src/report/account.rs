@@ -29,6 +29,7 @@ pub struct Account<'a> {
     complete: bool,
     signals: Signals,
     recordings: Vec<Recording<'a>>,
+    printheads: Vec<Printhead<'a>>,
     /// What is told, in the order in which it is told.
     statements: Vec<Statement<'a>>,
 }
@@ -48,6 +49,16 @@ struct Recording<'a> {
     not_judged: u64,
     /// What is wrong with its data; empty: nothing.
     flaws: &'a str,
+}
+
+/// A printhead over all recordings.
+#[derive(Debug, Serialize)]
+struct Printhead<'a> {
+    printhead: &'a str,
+    /// Number of channels that have signals.
+    channels: usize,
+    judged: u64,
+    not_judged: u64,
 }
 
 /// What a statement is about.
@@ -133,6 +144,11 @@ impl Report {
         let notes = self.notes.iter().map(|note| Statement::new(Kind::Note, note));
         let faults = self.faults.iter().map(|fault| of_fault(fault, &lines));
         let statements = gaps.chain(lost).chain(heads).chain(notes).chain(faults).collect();
+        let printheads = self.survey.heads_with_signals().map(|head| {
+            let (judged, not_judged) =
+                head.tallies.values().fold((0, 0), |(n, m), of| (n + of.judged, m + of.rejected));
+            Printhead { printhead: &head.name, channels: head.channels.len(), judged, not_judged }
+        });
         let to_ns = self.recordings.iter().filter_map(|line| line.span).map(|span| span.1).max();
         Account {
             version: VERSION,
@@ -141,6 +157,7 @@ impl Report {
             complete: self.coverage.is_complete(),
             signals: Signals { judged: self.coverage.judged, not_judged: self.coverage.not_judged },
             recordings: self.recordings.iter().map(Recording::of).collect(),
+            printheads: printheads.collect(),
             statements,
         }
     }

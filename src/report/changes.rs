@@ -43,18 +43,21 @@ impl<'a> Changes<'a> {
         }
         let is_last = |line: &&RecordingLine| line.span.is_some_and(|(from, _)| from >= from_ns);
         let (last, before) = lines.iter().partition(is_last);
-        Some(Changes::between(before, last, (from_ns, to_ns), faults))
+        Some(Changes::between(before, last, (from_ns, to_ns), faults, |_| None))
     }
 
-    /// The changes since the recordings whose names `is_known` accepts, which an earlier run saw.
+    /// The changes since the recordings whose names `is_known` accepts, which an earlier run saw. `was_told`:
+    /// whether that run has told of a fault; `None`: it did not say, and has told of those that its recordings
+    /// show.
     pub fn since(
         lines: &[RecordingLine],
         faults: &'a [Fault],
         is_known: impl Fn(&str) -> bool,
+        was_told: impl Fn(&Story) -> Option<bool>,
     ) -> Changes<'a> {
         let (before, last): (Vec<_>, Vec<_>) = lines.iter().partition(|line| is_known(&line.name));
         let span = whole(last.iter().filter_map(|line| line.span)).unwrap_or_default();
-        Changes::between(before, last, span, faults)
+        Changes::between(before, last, span, faults, was_told)
     }
 
     /// The changes from the recordings `before` to the recordings `last`, which have the given span.
@@ -63,6 +66,7 @@ impl<'a> Changes<'a> {
         last: Vec<&RecordingLine>,
         (from_ns, to_ns): Span,
         faults: &'a [Fault],
+        was_told: impl Fn(&Story) -> Option<bool>,
     ) -> Changes<'a> {
         let judged = |of: &RecordingLine| -> BTreeSet<Arc<str>> {
             let heads = of.heads.iter().filter(|(_, count)| count.tally.judged > 0);
@@ -81,7 +85,8 @@ impl<'a> Changes<'a> {
 
         // The order of the cases matters: each fault counts once, and a new one is not also worse.
         let kind = |story: &Story| {
-            let was_known = story.spells.iter().any(|of| known.contains(&of.recording));
+            let is_shown = || story.spells.iter().any(|of| known.contains(&of.recording));
+            let was_known = was_told(story).unwrap_or_else(is_shown);
             // a trend that no recording since then adds to was told before
             let is_seen = story.spells.iter().any(|of| !known.contains(&of.recording));
             let is_worse =

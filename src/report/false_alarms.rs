@@ -13,8 +13,7 @@
 //! squared; by this factor the numbers of signals are divided before Wilson's interval.
 
 use super::source::Source;
-use super::survey::Survey;
-use super::watch::BurstCounts;
+use super::survey::{Head, Survey};
 use inkling_lab::score::curves::wilson;
 
 /// Counts of the signals outside of every episode, over all printheads and recordings.
@@ -33,15 +32,7 @@ impl FalseAlarms {
     /// Counts all judged signals outside of episodes.
     pub fn of(survey: &Survey, sources: &[Source]) -> FalseAlarms {
         // judged and flagged signals of each channel outside of its episodes
-        let mut counts: Vec<(u64, u64)> = Vec::new();
-        for head in &survey.heads {
-            let unwatched = head.channels.iter().filter(|channel| !channel.is_watched());
-            counts.extend(unwatched.map(|channel| (channel.judged, channel.flagged)));
-            for watch in &head.watches {
-                let sum = |of: fn(&BurstCounts) -> u64| watch.outside.iter().map(of).sum();
-                counts.push((sum(|o| o.judged), sum(|o| o.flagged)));
-            }
-        }
+        let counts: Vec<(u64, u64)> = survey.heads.iter().flat_map(Head::outside).collect();
 
         let judged: u64 = counts.iter().map(|c| c.0).sum();
         let flagged: u64 = counts.iter().map(|c| c.1).sum();

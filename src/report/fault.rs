@@ -71,7 +71,7 @@ impl Fault {
         let is_latest = past.is_some();
         let urgency = (urgency(&story) / URGENCY_STEP).round() * URGENCY_STEP;
         let mut fault = Fault {
-            urgency: if is_latest && !story.replaced { urgency } else { 0.0 },
+            urgency: if is_latest && story.replaced_at_ns.is_none() { urgency } else { 0.0 },
             action: settings.action(key(&story)).to_owned(),
             sentence: String::new(),
             is_latest,
@@ -85,7 +85,7 @@ impl Fault {
     /// Whether the channel is to be cleaned: its last fault is still on, or is over but came back before.
     pub fn is_open(&self) -> bool {
         let is_on = self.story.ended_at_ns.is_none() || self.story.cures > 0;
-        self.is_latest && is_on && !self.story.replaced
+        self.is_latest && is_on && self.story.replaced_at_ns.is_none()
     }
 }
 
@@ -309,7 +309,7 @@ fn sentence_of(fault: &Fault) -> String {
             words::counted_as(cures.into(), "cured once", "times cured"),
             words::clock(story.last_began_at_ns)
         ),
-        (Some(end), _) if story.replaced => {
+        (Some(end), _) if story.replaced_at_ns == Some(end) => {
             format!("from {since} to {}; the channel was replaced", words::clock(end))
         }
         (Some(end), 0) => format!("from {since} to {}, healthy since", words::clock(end)),

@@ -15,8 +15,9 @@ use std::cmp::Reverse;
 /// Most printheads that get a light.
 const MOST_LIGHTS: usize = 96;
 
-/// A printhead is not green if a larger share of its last recording's signals was not judged. Not tuned.
-const MOST_UNJUDGED: f64 = 0.1;
+/// A printhead is not green if a larger share of its last recording's signals was not judged, or of all its signals
+/// was flagged outside of episodes. Not tuned.
+const MOST_UNKNOWN: f64 = 0.1;
 
 /// The lights of all printheads, with links to their maps.
 pub fn lights(report: &Report, drawn: &LinkTargets) -> String {
@@ -62,6 +63,7 @@ fn known(report: &Report, head: &Head, channels: &str) -> (Light, String) {
     let mut lines = report.recordings.iter().filter(|line| line.heads.contains_key(&head.name));
     let is_lost = lines.any(|line| !line.has_episodes);
     let share = percent(judged, all);
+    let stray: u64 = head.outside().map(|(_, flagged)| flagged).sum();
 
     // The reasons for grey, the gravest first.
     let grey = match gap {
@@ -71,12 +73,16 @@ fn known(report: &Report, head: &Head, channels: &str) -> (Light, String) {
         _ if is_lost => "what was found is not known".to_owned(),
         _ if 2 * judged < all => format!("only {share} of its signals judged"),
         _ if never > 0 => format!("{never} of {channels} never judged"),
-        _ if last.rejected as f64 > MOST_UNJUDGED * last.signals() as f64 => {
+        _ if last.rejected as f64 > MOST_UNKNOWN * last.signals() as f64 => {
             let share = percent(last.rejected, last.signals());
             format!("{share} of its signals not judged in its last recording")
         }
         _ if now_unknown > 0 => {
             format!("{now_unknown} of {channels} mostly not judged in its last recording")
+        }
+        _ if stray as f64 > MOST_UNKNOWN * judged as f64 => {
+            let share = percent(stray, judged);
+            format!("{share} of its signals flagged, on no channel often enough to call it faulty")
         }
         _ if judged < all => {
             let words = format!("{channels}, nothing found in the {share} that were judged");

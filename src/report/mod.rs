@@ -70,6 +70,7 @@ pub use page::html;
 pub use promised::print as print_promise;
 pub use settings::ReportSettings;
 pub use source::{LostRecording, Source};
+pub use story::Story;
 pub use survey::{Names, Survey};
 pub use words::{Column, clock, columns, first_of, grouped, rfc3339, three_digits};
 
@@ -80,7 +81,7 @@ use false_alarms::FalseAlarms;
 use fault::hours_to_visible;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
-use story::{Rates, Story};
+use story::Rates;
 use watch::{Spell, Watch};
 
 /// Counts of one recording: a line of the page's table of recordings.
@@ -201,7 +202,7 @@ fn stories(
         let Some(watch) = rest.take() else { break };
         let [before, after] = watch.divided(at_ns, ends_ns);
         let gone = before.iter().flat_map(|watch| story::stories(watch, rates));
-        all.extend(gone.map(|story| Story { replaced: true, ..story }));
+        all.extend(gone.map(|story| Story { replaced_at_ns: Some(at_ns), ..story }));
         rest = after;
     }
     all.extend(rest.iter().flat_map(|watch| story::stories(watch, rates)));

@@ -124,10 +124,18 @@ pub struct Story {
     pub distance: Option<f64>,
     /// Certainty, from 0 to 1, of the episode that the story is named after.
     pub certainty: Option<f64>,
-    /// Whether the channel that had the fault was replaced since.
-    pub replaced: bool,
+    /// When the channel that had the fault was replaced; `None`: it was not.
+    pub replaced_at_ns: Option<i64>,
     /// The note of whoever acknowledged that the fault is known.
     pub known: Option<String>,
+}
+
+impl Story {
+    /// When the fault ended or, if it is on, t_a of the last signal that shows it.
+    pub fn last_look_ns(&self) -> i64 {
+        let last = self.spells.iter().map(Spell::last_look_ns).max().unwrap_or(self.began_at_ns);
+        self.ended_at_ns.unwrap_or(last)
+    }
 }
 
 /// A size as it was last known, with its standard deviation; `None` of a fault that was never sized.
@@ -307,7 +315,7 @@ fn story(
         certainty: named.certainty.filter(|_| lost.is_none()),
         known_at_ns: last_named.at_ns,
         lost,
-        replaced: false,
+        replaced_at_ns: None,
         known: None,
         spells: spells.to_vec(),
         quantity: quantity.map(str::to_owned),
@@ -323,9 +331,8 @@ fn last_named(watch: &Watch, spells: &[Spell], named: &Episode, to_ns: i64) -> L
     calls.and_then(|calls| calls.last(from_ns, to_ns)).unwrap_or_else(|| {
         let of_name = spells.iter().rfind(|of| of.episode.category == named.category);
         let of_name = of_name.unwrap_or(&spells[spells.len() - 1]);
-        let at_ns = of_name.counts.last_flagged_ns.unwrap_or(of_name.episode.raised_at_ns);
         LastNamed {
-            at_ns,
+            at_ns: of_name.last_look_ns(),
             is_of_now: spells.last().is_some_and(|last| std::ptr::eq(last, of_name)),
         }
     })

@@ -180,6 +180,16 @@ impl Head {
         Some(self.map.as_ref()?.picture(&channels)).filter(|of| !of.pixels.is_empty())
     }
 
+    /// How many signals of each channel outside of its episodes were judged, and how many of them flagged.
+    pub fn outside(&self) -> impl Iterator<Item = (u64, u64)> {
+        let unwatched = self.channels.iter().filter(|channel| !channel.is_watched());
+        let watched = self.watches.iter().map(|watch| {
+            let outside = watch.outside.iter();
+            outside.fold((0, 0), |(n, k), of| (n + of.judged, k + of.flagged))
+        });
+        unwatched.map(|channel| (channel.judged, channel.flagged)).chain(watched)
+    }
+
     /// The recording with the latest signal of the printhead, and its counts.
     pub fn latest(&self) -> Option<(usize, &Tally)> {
         let last = self.tallies.iter().max_by_key(|(_, of)| of.span.map(|span| span.1));

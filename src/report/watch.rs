@@ -53,6 +53,13 @@ pub struct Spell {
     pub counts: BurstCounts,
 }
 
+impl Spell {
+    /// t_a of the last signal that shows the fault.
+    pub fn last_look_ns(&self) -> i64 {
+        self.counts.last_flagged_ns.unwrap_or(self.episode.raised_at_ns)
+    }
+}
+
 /// The size of one signal's fault, and the quantity (words with the unit) in which it is measured.
 #[derive(Clone, Copy, Debug)]
 pub struct Size<'a> {
@@ -151,7 +158,8 @@ impl Watch {
         before.outside.truncate(m + 1);
         after.spells.drain(..m);
         after.outside.drain(..m);
-        for spell in &mut before.spells {
+        let last = before.spells.len().saturating_sub(1);
+        for (k, spell) in before.spells.iter_mut().enumerate() {
             let ended_at_ns = spell.episode.ended_at_ns.unwrap_or(i64::MAX);
             if ended_at_ns.min(ends_ns(spell.recording)) > at_ns {
                 let mut rest = spell.clone();
@@ -159,6 +167,8 @@ impl Watch {
                 rest.episode.raised_at_ns = rest.episode.raised_at_ns.max(at_ns);
                 after.spells.insert(0, rest);
                 after.outside.insert(0, BurstCounts::default());
+            } else if k < last {
+                continue; // whether it was over then, the bursts until the next episode say
             }
             spell.episode.ended_at_ns = Some(ended_at_ns.min(at_ns));
         }

@@ -18,6 +18,8 @@ use std::sync::Arc;
 
 /// Most bytes of all first messages together that are kept.
 const MOST_KEPT_BYTES: usize = 64 << 20;
+/// Most messages after the first one of a channel that are kept.
+const MOST_NEXT: usize = 2;
 /// Most bytes of a schema that is told.
 const MOST_SCHEMA_BYTES: usize = 1 << 20;
 
@@ -41,6 +43,8 @@ pub struct TopicSummary {
     pub first_ns: u64,
     pub last_ns: u64,
     pub first_message: Option<Bytes>,
+    /// Those after it, [`MOST_NEXT`] at most: the first alone may be cut or of another kind.
+    pub next_messages: Vec<Bytes>,
     pub kind: MessageKind,
 }
 
@@ -116,10 +120,13 @@ impl Census {
         let summary = self.counted.entry(header.channel_id).or_insert_with(new);
         if summary.messages == 0 {
             summary.kind = to.clone();
-            let bytes = message.len();
-            if self.kept + bytes <= MOST_KEPT_BYTES {
-                self.kept += bytes;
-                summary.first_message = Some(Bytes::copy_from_slice(&message));
+        }
+        if summary.messages <= MOST_NEXT as u64 && self.kept + message.len() <= MOST_KEPT_BYTES {
+            self.kept += message.len();
+            let kept = Bytes::copy_from_slice(&message);
+            match summary.messages {
+                0 => summary.first_message = Some(kept),
+                _ => summary.next_messages.push(kept),
             }
         }
         let bytes = message.len() as u64;

@@ -212,7 +212,25 @@ fn number_in(cell: &str, decimal_comma: bool) -> Result<f64, String> {
     };
     match parsed {
         Ok(x) => Ok(if x.abs() < NO_VALUE { x } else { f64::NAN }),
-        Err(_) => Err(format!("{:?} is no number", printable::cell(cell))),
+        Err(_) => Err(format!("{:?} is no number: {}", printable::cell(cell), advice(cell))),
+    }
+}
+
+/// What to do about a cell that is no number, by what is in it beside digits.
+fn advice(cell: &str) -> &'static str {
+    let is_of_number = |c: char| c.is_ascii_digit() || "+-.eE".contains(c);
+    let rest = cell.trim_matches(is_of_number).trim();
+    let begins_with_digit =
+        cell.trim_start_matches(['+', '-']).starts_with(|c: char| c.is_ascii_digit());
+    let is_separator = |c: char| is_of_number(c) || c.is_whitespace() || ",'_’".contains(c);
+    match begins_with_digit {
+        true if cell.chars().all(is_separator) => {
+            "write a point before decimals, and nothing between thousands"
+        }
+        true if !rest.chars().any(|c| c.is_ascii_digit()) => {
+            "write the unit into the column's name"
+        }
+        _ => "leave cells empty where nothing was measured, or choose columns by --outputs",
     }
 }
 
@@ -290,7 +308,9 @@ mod tests {
         let y = &decays[0].outputs[0];
         assert!(y[0].is_nan() && y[1].is_nan() && y[2] == 3.0);
         for (text, says) in [
-            ("t,y\n0,1\n1,abc\n", "line 3: column \"y\": \"abc\" is no number"),
+            ("t,y\n0,1\n1,abc\n", "line 3: column \"y\": \"abc\" is no number: leave"),
+            ("t,y\n0,1\n1,\"1,234.5\"\n", "nothing between thousands"),
+            ("t,y\n0,1\n1,-1.5 mV\n", "the unit into the column's name"),
             ("t,y\n0,1\n,2\n", "line 3: column \"t\": a row without a time"),
             ("t,y\n0,1\ninf,2\n", "line 3"),
             ("t,y\n0,1\n1\n", "line 3: 1 cells where the header has 2"),

@@ -15,7 +15,7 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 use std::fmt::Display;
 use std::io::ErrorKind;
-use std::path::{Path, PathBuf};
+use std::path::{Component, Path, PathBuf};
 use thiserror::Error;
 use walkdir::WalkDir;
 
@@ -83,9 +83,10 @@ pub fn find_each_recording(named: &[String]) -> Result<FoundInputs, InputsError>
     find(named, RECORDING, "*.mcap files")
 }
 
-/// Finds verdict tables (`*.verdicts.parquet`) like `find_recordings`.
+/// Finds verdict tables (`*.verdicts.parquet`) like `find_recordings`. What lies in hidden directories is no
+/// result: a fleet keeps there what its executors have not finished (`.fleet`).
 pub fn find_verdicts(named: &[String]) -> Result<Vec<Input>, InputsError> {
-    all_there(find(named, ".verdicts.parquet", "*.verdicts.parquet files")?)
+    all_there(find(named, VERDICTS, "*.verdicts.parquet files")?)
 }
 
 /// The inputs, or the first reason why one is lost.
@@ -105,6 +106,7 @@ fn find(named: &[String], ending: &str, what: &'static str) -> Result<FoundInput
     let mut seen = BTreeSet::new();
     for name in named {
         let mut found = find_one(name, ending).unwrap_or_else(FoundInputs::without);
+        found.inputs.retain(|input| ending != VERDICTS || !is_hidden(&input.below));
         if found.inputs.is_empty() && found.lost.is_empty() {
             let message = match name.contains(WILDCARDS) && !Path::new(name).is_dir() {
                 true => format!("nothing found: no file fits {name}"),
@@ -232,6 +234,16 @@ impl FoundInputs {
     }
 }
 
+fn is_hidden(directory: &Path) -> bool {
+    let is_hidden = |part: Component| match part {
+        Component::Normal(name) => name.as_encoded_bytes().starts_with(b"."),
+        _ => false,
+    };
+    directory.components().any(is_hidden)
+}
+
+/// How the names of verdict tables end.
+const VERDICTS: &str = ".verdicts.parquet";
 /// How the names of recordings end.
 const RECORDING: &str = ".mcap";
 /// How the names of the files end that `replay --annotate` writes.
@@ -322,6 +334,11 @@ mod tests {
             let found = find_recordings(&paths(dir.path(), names)).unwrap();
             assert_eq!(found.len(), files, "{names:?}");
         }
+        std::fs::create_dir_all(dir.path().join("v/.fleet/1")).unwrap();
+        for name in ["v/a.verdicts.parquet", "v/.fleet/1/a.verdicts.parquet"] {
+            std::fs::write(dir.path().join(name), "").unwrap();
+        }
+        assert_eq!(find_verdicts(&paths(dir.path(), &["v"])).unwrap().len(), 1);
         let found = find_each_recording(&paths(dir.path(), &["."])).unwrap();
         let unread: Vec<_> = found.unread.iter().filter_map(|(path, _)| path.file_name()).collect();
         assert_eq!(

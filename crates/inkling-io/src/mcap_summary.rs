@@ -13,6 +13,7 @@ use super::mcap_records::{
 };
 use super::printable;
 use super::source::Source;
+use std::collections::BTreeMap;
 
 /// Only so many channels without bursts are named one by one.
 const MOST_NAMED: usize = 64;
@@ -117,6 +118,26 @@ impl Summary {
             })
         };
         self.channel_ids.iter().filter_map(other).take(MOST_NAMED).collect()
+    }
+
+    /// See `Recording::silent`. A recorder that connects again defines a topic once more, so that of several channels of
+    /// a topic one alone may have the messages.
+    pub(super) fn silent(&self) -> Vec<String> {
+        let Some(counts) = self.statistics.as_ref().map(|s| &s.channel_message_counts) else {
+            return Vec::new();
+        };
+        if self.expected().is_none() {
+            return Vec::new(); // the counts by channel are optional
+        }
+        let mut messages: BTreeMap<&str, u64> = BTreeMap::new();
+        for id in self.channel_ids.iter().filter(|&&id| self.channels.carries_bursts(id)) {
+            if let Some((channel, _)) = self.channels.described(*id) {
+                *messages.entry(&channel.topic).or_default() +=
+                    counts.get(id).copied().unwrap_or(0);
+            }
+        }
+        let silent = messages.into_iter().filter(|(_, n)| *n == 0).take(MOST_NAMED);
+        silent.map(|(topic, _)| printable::line(topic, MOST_OF_A_NAME)).collect()
     }
 
     /// Whether every channel of the file is known, and what it carries.

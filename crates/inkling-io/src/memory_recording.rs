@@ -69,6 +69,7 @@ pub fn of_bursts(label: &str, bursts: &[Burst]) -> Result<Recording, RecordingEr
         opening: Duration::ZERO,
         expected: Some(bursts.len() as u64),
         others: Vec::new(),
+        silent: Vec::new(),
         damage: Vec::new(),
         source: Arc::new(source),
         limits: Limits::default(),

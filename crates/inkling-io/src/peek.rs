@@ -8,11 +8,13 @@ use super::block::Block;
 use super::block_reader::BlockReader;
 use super::census::{MessageKind, TopicSummary};
 use super::damage::RecordingError;
+use super::dialect::plan::Plan;
 use super::dialect::unread::{Look, look};
 use super::dialect::{Dialects, dimensions};
 use super::mcap_summary::MOST_OF_A_NAME;
 use super::printable;
 use super::recording::Recording;
+use bytes::Bytes;
 use inkling_core::burst::{Acquisition, UnusableBurst};
 use std::collections::BTreeSet;
 
@@ -73,14 +75,20 @@ impl Recording {
         });
         used.numbers.extend(reader.dialects_met());
 
-        // then each channel's first message is checked
-        for TopicSummary { topic, kind, first_message, .. } in &reader.topics() {
-            let checked = match (kind, first_message) {
-                (MessageKind::Unread(why), _) => Err(why.to_string()),
-                (MessageKind::Foreign(plan), Some(message)) => plan
-                    .check_message(message)
-                    .and_then(|()| dimensions::contradiction(plan, message).map_or(Ok(()), Err))
-                    .map_err(|what| format!("{}: {what}", printable::line(topic, 200))),
+        // then each channel's first messages are checked; if one of them can be read, the others are odd
+        for TopicSummary { topic, kind, first_message, next_messages, .. } in &reader.topics() {
+            let checked = match kind {
+                MessageKind::Unread(why) => Err(why.to_string()),
+                MessageKind::Foreign(plan) => {
+                    let first = first_message.iter().chain(next_messages);
+                    let mut checked = first.map(|message| check_message(plan, message));
+                    match checked.next() {
+                        Some(Err(what)) if !checked.any(|of| of.is_ok()) => {
+                            Err(format!("{}: {what}", printable::line(topic, 200)))
+                        }
+                        _ => Ok(()),
+                    }
+                }
                 _ => Ok(()),
             };
             checked.map_err(wrong)?;
@@ -150,6 +158,12 @@ impl Recording {
             pieces.find_map(|piece| piece.acquisitions.into_iter().find_map(unusable))
         })
     }
+}
+
+/// Whether the paths of a dialect lead to what they are to lead to, and its numbers are those of the message.
+fn check_message(plan: &Plan, message: &Bytes) -> Result<(), String> {
+    plan.check_message(message)?;
+    dimensions::contradiction(plan, message).map_or(Ok(()), Err)
 }
 
 fn unusable(of: Acquisition) -> Option<UnusableBurst> {

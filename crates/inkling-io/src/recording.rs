@@ -46,6 +46,8 @@ pub struct Recording {
     pub expected: Option<u64>,
     /// Channels that carry no bursts: the first 64 of those that the summary names.
     pub others: Vec<OtherChannel>,
+    /// Topics of bursts that have no message, by the statistics: what was to be recorded of them is not there.
+    pub silent: Vec<String>,
     /// Damage that was found when the recording was opened; blocks and the digest add more later.
     pub damage: Vec<Damage>,
     pub(super) source: Arc<Source>,
@@ -114,6 +116,7 @@ impl Recording {
             disorder_ns: summary.disorder_ns(),
             is_shuffled: summary.is_shuffled(),
             others: summary.others(),
+            silent: summary.silent(),
             damage,
             source,
             limits,
@@ -131,6 +134,7 @@ impl Recording {
         Recording {
             expected: None,
             others: Vec::new(),
+            silent: Vec::new(),
             damage: Vec::new(),
             channels,
             channels_known_upfront: false,

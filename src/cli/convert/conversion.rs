@@ -7,7 +7,7 @@
 
 use super::super::exit::Failure;
 use super::super::output;
-use super::super::progress::thousands;
+use super::super::progress::{counted, thousands};
 use super::super::report::printable;
 use super::args::{Args, BurstValue, BurstValues, LONGEST_NAME, SOME_START};
 use super::burst_clock::BurstClock;
@@ -215,11 +215,11 @@ impl<'a> Conversion<'a> {
         let made = &self.made;
         let mut out = output::report();
         let path = self.args.out.display();
-        let (bursts, samples) = (thousands(made.bursts), thousands(made.samples));
+        let (bursts, samples) = (counted(made.bursts, "burst"), thousands(made.samples));
         // in f32, so that rounding of the period does not show
         let [least, most] = made.sample_period_s.map(|s| s as f32);
         let to_most = if least == most { String::new() } else { format!(" to {most}") };
-        writeln!(out, "{path}: {bursts} bursts, {samples} samples, one every {least}{to_most} s")?;
+        writeln!(out, "{path}: {bursts}, {samples} samples, one every {least}{to_most} s")?;
         for (n, output) in (0u64..).zip(&made.outputs) {
             let channel = n + u64::from(self.args.first_channel);
             writeln!(out, "  channel {channel}: {}", printable(output))?;
