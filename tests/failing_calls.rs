@@ -11,8 +11,8 @@ use std::process::{Command, Output};
 
 const EIO: &str = "5";
 const ENOSPC: &str = "28";
-/// As [`Scene::new`] writes its settings.
-const NIGHTS: &str = "night --quiet";
+const NIGHTS: &str =
+    "replay rec --quiet --out out --baseline own.json --design sample_logs/design.json";
 
 /// What is there before the run, what is run, and what of it must be made.
 struct Scene {
@@ -30,6 +30,7 @@ impl Scene {
         cc.arg(crate::house::root().join("tests/failing_calls.c")).arg("-ldl");
         assert!(cc.status().expect("a C compiler").success());
 
+        // as `NIGHTS`, for `inkling night`
         let design = crate::house::root().join("sample_logs/design.json");
         let input = format!("recordings = ['rec']\ndesign = '{}'\n", design.display());
         let settings = format!("[input]\n{input}baseline = 'own.json'\n[output]\ndir = 'out'\n");
@@ -153,7 +154,7 @@ fn last_lines(journal: &Path) -> String {
 
 #[test]
 fn calls_that_fail_in_the_first_night_cost_nothing_but_a_second_run() {
-    Scene::new(1, &[], NIGHTS).plays();
+    Scene::new(1, &[], "night --quiet").plays();
 }
 
 #[test]
