@@ -115,7 +115,7 @@ pub fn collected(
 
 /// The failure of recordings without bursts.
 pub const NO_BURSTS: &str =
-    "no inkling.Burst messages found; `inkling inspect` shows what there is and how to read it";
+    "no bursts found; `inkling inspect` shows what there is and how to read it";
 
 /// Most topics that are named if a dialect fits none.
 const MOST_TOPICS: usize = 12;

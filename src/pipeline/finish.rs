@@ -61,9 +61,9 @@ impl Run<'_> {
         let damage = all_damage(recording, results.scan_damage, &mut tally, digest.damage);
         check_rows(&tally.counts, table.rows())?;
         if tally.counts.bursts == 0 {
-            let others = recording.others.clone();
+            let (silent, others) = (recording.silent.clone(), recording.others.clone());
             let recording = recording.path.display().to_string();
-            return Err(PipelineError::NoBursts { recording, others, damage });
+            return Err(PipelineError::NoBursts { recording, silent, others, damage });
         }
 
         if let Some(labels) = &replay.labels {

@@ -107,11 +107,17 @@ pub enum PipelineError {
     #[error(transparent)]
     Verdicts(#[from] inkling_io::verdict_table::TableError),
     #[error(
-        "{recording}: no inkling.Burst messages in it: nothing to judge{}{}",
+        "{recording}: no bursts in it: nothing to judge{}{}{}",
+        without_messages(silent),
         instead(others),
         and_damaged(damage)
     )]
-    NoBursts { recording: String, others: Vec<OtherChannel>, damage: Vec<Damage> },
+    NoBursts {
+        recording: String,
+        silent: Vec<String>,
+        others: Vec<OtherChannel>,
+        damage: Vec<Damage>,
+    },
     #[error("interrupted; no finished file was written for the recording at hand")]
     Interrupted,
     #[error(
@@ -139,6 +145,16 @@ fn and_damaged(damage: &[Damage]) -> String {
     damage.first().map_or(String::new(), |d| {
         format!("; it is damaged: bytes {} to {}: {}", d.from_byte, d.to_byte, d.what)
     })
+}
+
+/// Topics that are there for bursts and have no message, as part of a sentence.
+fn without_messages(silent: &[String]) -> String {
+    let topics = first_of(silent, 5, ", ");
+    match silent.len() {
+        0 => String::new(),
+        1 => format!("; its topic {topics} has no messages"),
+        _ => format!("; its topics {topics} have no messages"),
+    }
 }
 
 /// What a recording holds instead of bursts, and what to do about it, as part of a sentence.

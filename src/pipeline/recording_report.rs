@@ -179,7 +179,7 @@ pub fn note_not_judged(
     }
     report.unread.extend(recording.silent.iter().map(|topic| NotJudged {
         topic: Some(topic.clone()),
-        what: format!("topic {topic}: is there for bursts, and has none"),
+        what: format!("topic {topic}: has no messages, so that nothing is known of its printhead"),
         ..NotJudged::default()
     }));
     let unusable = tally.counts.unusable_bursts;
