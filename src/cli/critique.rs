@@ -13,7 +13,7 @@ use super::collected::{NO_BURSTS, RecordingSource, Recordings};
 use super::effect::{self, Command};
 use super::exit::{Exit, Failure};
 use super::extended_design;
-use super::progress::{Progress, end_of_work};
+use super::progress::{Progress, counted, end_of_work};
 use super::report_page::{write_json, write_text};
 use crate::pipeline::Control;
 use crate::pipeline::collect::Observer;
@@ -240,7 +240,7 @@ fn print(dir: &Path, critique: &Critique, out: &mut impl Write) -> std::io::Resu
             Column::Last("tied with"),
         ];
         let of_cause = critique.causes.iter().map(|c| {
-            let value = digits::measured(c.value, c.ci95, &c.unit);
+            let value = critique.measured(c);
             let strength = format!("{} DL", digits::significant(c.strength_dl, 2));
             [c.id.to_string(), c.parameter.to_string(), value, strength, c.tied_words()]
         });
@@ -265,7 +265,8 @@ fn print_gain(critique: &Critique, out: &mut impl Write) -> std::io::Result<()> 
     if *signals == 0 {
         return Ok(());
     }
-    write!(out, "  on {signals} signals of {channels} channels ")?;
+    let signals = counted(*signals as u64, "signal");
+    write!(out, "  on {signals} of {} ", counted(*channels as u64, "channel"))?;
     writeln!(out, "that nothing was fitted to (by {by}):")?;
     if critique.verdict == Verdict::None {
         return print_figures("", before, out);

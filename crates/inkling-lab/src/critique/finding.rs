@@ -4,12 +4,15 @@
 //! marked `skip` (`schemas/critique.md`); evidence and figures go to tables of their own and to the report.
 
 use super::catalogue::CauseId;
+use super::digits;
 use super::objection::{Objection, WhyNot};
 pub use crate::score::blind::Verdict;
 use serde::Serialize;
 use std::collections::BTreeMap;
 
 pub const VERSION: u32 = 1;
+/// The unit of an oscillator's samples, of which its recording says nothing.
+pub const UNIT: &str = "units";
 
 #[derive(Clone, Debug, Serialize)]
 pub struct Critique {
@@ -60,6 +63,17 @@ pub struct Cause {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub explains: Option<f64>,
     pub sentence: String,
+}
+
+impl Critique {
+    /// The size of a cause with its interval. What the catalogue calls counts is, of an oscillator, anything.
+    pub fn measured(&self, cause: &Cause) -> String {
+        let unit = match self.plant {
+            Some(_) => cause.unit.replace("counts", UNIT),
+            None => cause.unit.clone(),
+        };
+        digits::measured(cause.value, cause.ci95, &unit)
+    }
 }
 
 impl Cause {

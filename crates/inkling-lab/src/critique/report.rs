@@ -6,8 +6,8 @@
 
 use super::digits::{chance, measured, short, significant};
 use super::finding::{
-    ALARMS, Cause, Critique, Detection, Evidence, FAULT, Gain, GainFigures, HeldOut, NotTestable,
-    Verdict,
+    ALARMS, Cause, Critique, Detection, Evidence, FAULT, Gain, GainFigures, HeldOut, Mode,
+    NotTestable, Verdict,
 };
 use super::pictures;
 use crate::plot::page::{escaped, list, note, page, section, sentence, table};
@@ -46,6 +46,7 @@ pub fn html(c: &Critique) -> String {
         note(in_words(c.verdict)),
         note(&used),
         causes(c),
+        plant(c),
         section("What remains, and what would settle it", &list(lines(&c.remarks))),
         equation(c),
         gain(&c.gain),
@@ -106,7 +107,7 @@ fn causes(c: &Critique) -> String {
         [
             name,
             escaped(&cause.parameter),
-            escaped(&measured(cause.value, cause.ci95, &cause.unit)),
+            escaped(&c.measured(cause)),
             format!("{} DL", significant(cause.strength_dl, 2)),
             short(cause.delta_bic),
             worth,
@@ -119,7 +120,7 @@ fn causes(c: &Critique) -> String {
         ">value (95 % interval)",
         ">strength",
         ">delta BIC",
-        ">gain per held-out signal, nats",
+        ">gain per held-out signal",
         "matters for detection",
     ];
     let sentences: Vec<String> = c.causes.iter().map(|cause| cause.sentence.clone()).collect();
@@ -141,6 +142,20 @@ fn explained_together(causes: &[Cause]) -> Option<f64> {
 /// The lines that are not empty, escaped.
 fn lines(all: &[String]) -> impl Iterator<Item = String> {
     all.iter().filter(|line| !line.is_empty()).map(|line| escaped(line))
+}
+
+/// The modes of an oscillator.
+fn plant(c: &Critique) -> String {
+    let Some(plant) = &c.plant else { return String::new() };
+    let row = |mode: &Mode| {
+        [
+            escaped(&measured(mode.frequency_hz, mode.ci95, "Hz")),
+            short(mode.damping_per_s),
+            format!("{} %", short(100.0 * mode.share)),
+        ]
+    };
+    let heads = [">frequency (95 % interval)", ">damping, 1/s", ">share of the movement's square"];
+    format!("<h2>What rings</h2>\n{}", table("", &heads, plant.modes.iter().map(row)))
 }
 
 fn equation(c: &Critique) -> String {

@@ -1,13 +1,26 @@
 //! A critique in words: a sentence for each cause, remarks, and the extended equation, as plain text.
 
-use super::catalogue::experiment;
+use super::catalogue::{CauseId, experiment};
 use super::digits;
 use super::finding::{Cause, Gain};
 
 /// One sentence, without capital letter and full stop. `words`: the catalogue's description.
 pub fn cause_sentence(cause: &Cause, words: &str) -> String {
     let number = digits::measured(cause.value, cause.ci95, &cause.unit);
-    format!("{words}: {} = {number}", cause.parameter)
+    format!("{words}: {} = {number}{}", cause.parameter, relative_to(cause.id))
+}
+
+/// Of a relative change: between which two.
+fn relative_to(id: CauseId) -> &'static str {
+    match id {
+        CauseId::CubicStiffness => " at the largest amplitude, relative to a small one",
+        CauseId::QuadraticDrag | CauseId::DryFriction => {
+            " at the largest amplitude, relative to the smallest"
+        }
+        CauseId::Ageing | CauseId::ClockDrift => " over the recording, relative",
+        CauseId::PositionGradient => " from the first channel to the last, relative",
+        _ => "",
+    }
 }
 
 pub fn capital(text: &str) -> String {

@@ -186,7 +186,7 @@ pub fn critique(data: &Observations) -> Result<Outcome, CritiqueError> {
         version: VERSION,
         verdict,
         sentence: verdict.sentence(&causes, &left, gain.detection()),
-        equation: words::equation(&selected.fit),
+        equation: words::equation(&selected),
         causes,
         not_testable: not_testable(),
         misfit,

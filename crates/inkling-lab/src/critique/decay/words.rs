@@ -1,11 +1,10 @@
 //! The causes of a decay in the catalogue's parameters, remarks on them, and the extended equation.
 //!
 //! In: [`Selected`], whose numbers are in samples and in the scale of the decays. Out: causes in
-//! the unit of the catalogue, and texts in seconds and in the unit of the recording, here called
-//! counts.
+//! the unit of the catalogue, and texts in seconds and in the unit of the recording, which says of it no
+//! more than that it has one: [`UNIT`].
 
 use super::children::Added;
-use super::fit::Fit;
 use super::motion::Form;
 use super::objections::amplitudes;
 use super::plant::{OMEGA, SIGMA, motion, waves_of};
@@ -14,7 +13,7 @@ use super::terms::Term;
 use crate::critique::candidate::Chosen;
 use crate::critique::catalogue::InDecays;
 use crate::critique::digits;
-use crate::critique::finding::Cause;
+use crate::critique::finding::{Cause, UNIT};
 use crate::critique::words::cause_sentence;
 use nalgebra::DVector;
 use std::f64::consts::TAU;
@@ -47,7 +46,13 @@ fn value(selected: &Selected, index: usize) -> (f64, f64) {
         }
     };
 
-    // by central differences of a hundredth of the numbers' errors; the amplitudes are held
+    propagated(selected, of)
+}
+
+/// A number that follows from those of the fit, with its standard error by linear propagation: by central
+/// differences of a hundredth of the numbers' errors, where the amplitudes are held.
+fn propagated(selected: &Selected, of: impl Fn(&[f64]) -> f64) -> (f64, f64) {
+    let fit = &selected.fit;
     let gradient = DVector::from_fn(fit.p.len(), |j, _| {
         let h = 0.01 * selected.covariance[(j, j)].max(0.0).sqrt();
         let moved = |by: f64| {
@@ -103,7 +108,7 @@ pub fn causes(selected: &Selected) -> (Vec<Cause>, Vec<String>) {
                 format!("{} on channel {channel}", digits::short(offset))
             };
             let each: Vec<String> = offsets.into_iter().zip(&decays.channels).map(line).collect();
-            remarks.push(format!("offsets, counts: {}", each.join(", ")));
+            remarks.push(format!("offsets, {UNIT}: {}", each.join(", ")));
         }
         if let Term::Stiffness(form) = term {
             let what = match form {
@@ -126,64 +131,59 @@ fn sentence(cause: &Cause) -> String {
         InDecays::Fitted(Some(words)) => words,
         InDecays::Fitted(None) | InDecays::Needs(_) => entry.words,
     };
-    cause_sentence(cause, words)
+    cause_sentence(&Cause { unit: cause.unit.replace("counts", UNIT), ..cause.clone() }, words)
 }
 
-fn five(x: f64) -> String {
-    digits::significant(x, 5)
-}
-
-/// The fitted equation: the equation of motion, what an output shows, and lines of a name; then all
-/// numbers but the amplitudes of lines and the shares of outputs.
-pub fn equation(fit: &Fit) -> String {
-    let (decays, motion) = (fit.decays, fit.motion());
+/// The fitted equation: the equation of motion, what an output shows, and lines of a name; then a line for each
+/// number but the amplitudes of lines and the shares of outputs, with its 95 % interval.
+pub fn equation(selected: &Selected) -> String {
+    let fit = &selected.fit;
+    let decays = fit.decays;
     let (dt, scale) = (decays.dt_s, decays.scale[0]);
+    let motion_by = |p: &[f64]| motion(decays, &fit.terms, p);
     let mut text = String::from("x'' = -2 s x' - w^2 ");
-    let mut numbers = format!(
-        "s = {} 1/s, w = {} rad/s ({} Hz)",
-        five(fit.p[SIGMA] / dt),
-        five(fit.p[OMEGA] / dt),
-        five(fit.p[OMEGA] / (TAU * dt))
-    );
-    // writing to a String cannot fail
-    let mut number = |name: &str, value: f64, unit: &str| {
-        let _ = write!(numbers, ", {name} = {} {unit}", five(value));
+    let mut numbers: Vec<String> = Vec::new();
+    let mut number = |name: &str, unit: &str, of: &dyn Fn(&[f64]) -> f64| {
+        let (value, sd) = propagated(selected, of);
+        let interval = [value - 1.96 * sd, value + 1.96 * sd];
+        numbers.push(format!("{name} = {}", digits::measured(value, interval, unit)));
     };
+    number("s", "1/s", &|p| p[SIGMA] / dt);
+    number("w", "rad/s", &|p| p[OMEGA] / dt);
 
-    // In the equation x is in counts and t in s; in the fit x is in `scale` counts, the largest
+    // In the equation x is in units of the recording and t in s; in the fit x is in `scale` units, the largest
     // deviation of the first output from its mean, and t in samples.
-    let k = motion.stiffness / (scale * scale);
-    match motion.form {
+    let k = |p: &[f64]| motion_by(p).stiffness / (scale * scale);
+    let c = |p: &[f64]| (6.0 * k(p).abs()).sqrt();
+    match motion_by(&fit.p).form {
         _ if !fit.terms.iter().any(|term| matches!(term, Term::Stiffness(_))) => text += "x",
-        Form::Sine if k < 0.0 => {
-            text += "sin(c x)/c";
-            number("c", (-6.0 * k).sqrt(), "1/count");
-        }
         Form::Sine => {
-            text += "sinh(c x)/c";
-            number("c", (6.0 * k).sqrt(), "1/count");
+            text += if k(&fit.p) < 0.0 { "sin(c x)/c" } else { "sinh(c x)/c" };
+            number("c", "1/unit", &c);
         }
         Form::Cubic => {
             text += "(x + k x^3)";
-            number("k", k, "1/count^2");
+            number("k", "1/unit^2", &k);
         }
     }
     if fit.terms.contains(&Term::Drag) {
         text += " - d |x'| x'";
-        number("d", motion.drag / scale, "1/count");
+        number("d", "1/unit", &|p| motion_by(p).drag / scale);
     }
     if fit.terms.contains(&Term::Friction) {
         text += " - m sign(x')";
-        number("m", motion.stick * fit.p[OMEGA].powi(2) * scale / (dt * dt), "counts/s^2");
+        let of = |p: &[f64]| motion_by(p).stick * p[OMEGA].powi(2) * scale / (dt * dt);
+        number("m", "units/s^2", &of);
     }
     text += if decays.outputs > 1 { "\ny_j = g_j x + h_j x'" } else { "\ny = x" };
     text += if decays.outputs > 1 { " + b_j" } else { " + b" };
+    let mut offsets: Vec<String> = Vec::new();
     for (offset, channel) in fit.offsets().into_iter().zip(&decays.channels) {
         let name = match decays.outputs {
             1 => "b".to_owned(),
             _ => format!("b_{channel}"),
         };
-        number(&name, offset, "counts");
+        offsets.push(format!("{name} = {} {UNIT}", digits::significant(offset, 5)));
     }
 
     // lines are numbered from 2 on, after the ring
@@ -191,10 +191,12 @@ pub fn equation(fit: &Fit) -> String {
     let lines = fit.placed().filter(|(term, _)| named(*term));
     for (n, (term, at)) in (2..).zip(lines) {
         let _ = write!(text, " + e^(-s{n} t) (p{n} cos w{n} t + q{n} sin w{n} t)");
-        for wave in waves_of(term, at, &fit.p) {
-            number(&format!("s{n}"), wave.sigma / dt, "1/s");
-            number(&format!("w{n}"), wave.omega.unwrap_or(0.0) / dt, "rad/s");
+        for i in 0..waves_of(term, at, &fit.p).len() {
+            let wave = |p: &[f64]| waves_of(term, at, p).swap_remove(i);
+            number(&format!("s{n}"), "1/s", &|p| wave(p).sigma / dt);
+            number(&format!("w{n}"), "rad/s", &|p| wave(p).omega.unwrap_or(0.0) / dt);
         }
     }
-    format!("{text} + e\n{numbers}")
+    numbers.append(&mut offsets);
+    format!("{text} + e\n{}", numbers.join("\n"))
 }
