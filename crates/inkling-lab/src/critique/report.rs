@@ -111,7 +111,11 @@ fn causes(c: &Critique) -> String {
             format!("{} DL", significant(cause.strength_dl, 2)),
             short(cause.delta_bic),
             worth,
-            if cause.matters_for_detection { "yes".into() } else { "no".into() },
+            match (cause.matters_for_detection, c.gain.detection()) {
+                (true, _) => "yes".into(),
+                (false, Detection::NotMeasured) => "–".into(),
+                (false, _) => "no".into(),
+            },
         ]
     };
     let heads = [
@@ -123,7 +127,11 @@ fn causes(c: &Critique) -> String {
         ">gain per held-out signal",
         "matters for detection",
     ];
-    let sentences: Vec<String> = c.causes.iter().map(|cause| cause.sentence.clone()).collect();
+    // the page's first sentence has most of them
+    let first = c.sentence.to_lowercase();
+    let is_told = |sentence: &String| first.contains(&sentence.to_lowercase());
+    let sentences = c.causes.iter().map(|cause| cause.sentence.clone());
+    let sentences: Vec<String> = sentences.filter(|sentence| !is_told(sentence)).collect();
     [
         format!("<h2>{title}</h2>\n{together}"),
         table("", &heads, c.causes.iter().map(row)),
