@@ -37,8 +37,8 @@ const COLUMNS: [&str; 10] = [
     "severity",
     "reason",
 ];
-/// Number of batches that are read ahead, of some 10 MB each.
-const READ_AHEAD: usize = 4;
+/// Number of batches that are read ahead, of some MB each.
+const READ_AHEAD: usize = 16;
 
 /// Finds the verdict tables that a command line names: files, directories or patterns. `what`: what
 /// is made of the tables (`a report`), for messages. A usage failure if a name is that of another

@@ -228,7 +228,7 @@ impl Head {
         codes: &[u8],
     ) -> u64 {
         let t_ns = c.acquired_at_ns[rows.start];
-        let mut left_out = 0;
+        let (mut left_out, mut has_time) = (0, false);
         // Places come first, because a new channel may coarsen the map that `cells` borrows below.
         let mut guess = 0;
         let place = |channel: &u32| {
@@ -260,7 +260,7 @@ impl Head {
             }
             // an unusable burst may have any time
             if !why.is_some_and(Reason::is_of_burst) {
-                tally.span = whole(tally.span.into_iter().chain([(t_ns, t_ns)]));
+                has_time = true;
                 self.channels[place].count_last(recording, t_ns, is_judged, flagged);
             }
             if !is_judged {
@@ -278,6 +278,8 @@ impl Head {
                 watch.add_burst(recording, t_ns, flagged.then(|| said(c, row, names)));
             }
         }
+        let of_burst = has_time.then_some((t_ns, t_ns));
+        tally.span = whole(tally.span.into_iter().chain(of_burst));
         left_out
     }
 }

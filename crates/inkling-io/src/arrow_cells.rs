@@ -8,7 +8,7 @@
 //! the column.
 
 use arrow_array::cast::AsArray;
-use arrow_array::types::{Float16Type, Float32Type, Float64Type, Int64Type, UInt32Type};
+use arrow_array::types::{Float16Type, Float32Type, Float64Type, Int32Type, Int64Type, UInt32Type};
 use arrow_array::{Array, ArrayRef, downcast_integer_array, make_array};
 use arrow_schema::{DataType, TimeUnit};
 use std::collections::HashMap;
@@ -166,14 +166,38 @@ impl ReadColumn<'_> {
         }
     }
 
-    /// The cells as texts. Dictionary columns must have been unpacked to plain Utf8 before: the
-    /// readers ask for it by their schema.
+    /// The cells as texts.
     pub fn texts(self) -> Result<Texts, String> {
         match self.array.data_type() {
+            DataType::Dictionary(..) => self.of_dictionary(),
             DataType::Utf8 => Ok(self.array.as_string::<i32>().iter().collect()),
             DataType::Null => Ok(std::iter::repeat_n(None, self.array.len()).collect()),
             _ => Err(self.unfit(self.array)),
         }
+    }
+
+    /// The texts of a dictionary, each of which may stand in it several times.
+    fn of_dictionary(self) -> Result<Texts, String> {
+        let dictionary = self.array.as_dictionary_opt::<Int32Type>();
+        let dictionary = dictionary.ok_or_else(|| self.unfit(self.array))?;
+        let texts = dictionary.values().as_string_opt::<i32>();
+        let texts = texts.ok_or_else(|| self.unfit(self.array))?;
+        let mut places: Vec<Option<u32>> = vec![None; texts.len()];
+        let (mut index, mut values) = (HashMap::new(), Vec::new());
+        let mut key = |at: i32| {
+            let place = places.get_mut(usize::try_from(at).ok()?)?;
+            if place.is_none() && texts.is_valid(at as usize) {
+                let text = texts.value(at as usize);
+                *place = Some(*index.entry(text).or_insert_with(|| {
+                    values.push(text.to_owned());
+                    values.len() as u32 - 1
+                }));
+            }
+            *place
+        };
+        let keys = dictionary.keys();
+        let keys = keys.iter().map(|at| at.and_then(&mut key)).collect();
+        Ok(Texts { keys, values })
     }
 
     /// Each row's text as one of the values that `known` gives; a text that is none of them is an error.

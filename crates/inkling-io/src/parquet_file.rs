@@ -9,6 +9,7 @@
 
 use super::parquet_claims;
 use super::thrift::ThriftError;
+use arrow_schema::{DataType, Schema};
 use bytes::Bytes;
 use parquet::arrow::arrow_reader::{
     ArrowReaderMetadata, ArrowReaderOptions, ParquetRecordBatchReaderBuilder,
@@ -20,6 +21,7 @@ use parquet::file::reader::{ChunkReader, Length};
 use std::fs::File;
 use std::io::{self, BufReader, Read, Seek, SeekFrom};
 use std::ops::Range;
+use std::sync::Arc;
 
 /// The last bytes of a file: the length of the metadata, and "PAR1".
 const FOOTER_BYTES: u64 = 8;
@@ -34,12 +36,40 @@ impl ParquetFile {
         file: File,
         options: ArrowReaderOptions,
     ) -> Result<ParquetRecordBatchReaderBuilder<ParquetFile>, ParquetError> {
+        let (file, metadata) = ParquetFile::checked(file, options)?;
+        Ok(ParquetRecordBatchReaderBuilder::new_with_metadata(file, metadata))
+    }
+
+    /// Opens one whose texts are read as dictionaries, whatever its Arrow schema says: the few texts of a table's
+    /// rows then stay the few that they are.
+    pub fn open_with_dictionaries(
+        file: File,
+    ) -> Result<ParquetRecordBatchReaderBuilder<ParquetFile>, ParquetError> {
+        // Parquet's own types are enough. The Arrow schema that tools put beside them may say more than can be
+        // read (pandas: a dictionary of nulls), and then the reader panics.
+        let options = ArrowReaderOptions::new().with_skip_arrow_metadata(true);
+        let (file, metadata) = ParquetFile::checked(file, options.clone())?;
+        let texts = || DataType::Dictionary(Box::new(DataType::Int32), Box::new(DataType::Utf8));
+        let fields = metadata.schema().fields().iter().map(|of| match of.data_type() {
+            DataType::Utf8 => Arc::new(of.as_ref().clone().with_data_type(texts())),
+            _ => of.clone(),
+        });
+        let schema = Arc::new(Schema::new(fields.collect::<Vec<_>>()));
+        let metadata =
+            ArrowReaderMetadata::try_new(metadata.metadata().clone(), options.with_schema(schema))?;
+        Ok(ParquetRecordBatchReaderBuilder::new_with_metadata(file, metadata))
+    }
+
+    fn checked(
+        file: File,
+        options: ArrowReaderOptions,
+    ) -> Result<(ParquetFile, ArrowReaderMetadata), ParquetError> {
         let file = ParquetFile(file);
         file.check_footer()?;
         let metadata = ArrowReaderMetadata::load(&file, options)?;
         let groups = metadata.metadata().row_groups().iter();
         groups.flat_map(RowGroupMetaData::columns).try_for_each(|of| file.check_column(of))?;
-        Ok(ParquetRecordBatchReaderBuilder::new_with_metadata(file, metadata))
+        Ok((file, metadata))
     }
 
     /// If there is no footer, or it does not fit into the file, the parquet crate says so itself.

@@ -2,7 +2,7 @@
 //!
 //! In: a Parquet file with the columns of `schemas/verdicts.md`, as this program wrote it or as
 //! another tool wrote it anew (plain strings, other integers, microseconds; nullable columns may be
-//! missing). Out: [`VerdictColumns`], batch by batch of 65,536 rows, with names as indices into
+//! missing). Out: [`VerdictColumns`], batch by batch of 8,192 rows, with names as indices into
 //! [`VerdictReader::classes`] and [`VerdictReader::categories`]. A damaged file is an error, also
 //! where the parquet crate panics on it.
 
@@ -14,15 +14,14 @@ use super::verdict_table::{METADATA_KEY, TableError};
 use arrow_array::RecordBatch;
 use inkling_core::verdict::{COLUMNS, Cells, Column, Outcome, Reason, Test, VerdictColumns};
 use parquet::arrow::ProjectionMask;
-use parquet::arrow::arrow_reader::{
-    ArrowReaderOptions, ParquetRecordBatchReader, ParquetRecordBatchReaderBuilder,
-};
+use parquet::arrow::arrow_reader::{ParquetRecordBatchReader, ParquetRecordBatchReaderBuilder};
 use parquet::file::metadata::ParquetMetaData;
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-const BATCH_ROWS: usize = 1 << 16;
+/// So few that the columns of a batch fit into the caches, and into memory that the allocator keeps.
+const BATCH_ROWS: usize = 1 << 13;
 
 /// Iterator over the batches of a verdict table.
 pub struct VerdictReader {
@@ -162,10 +161,8 @@ pub(super) fn open(
     path: &Path,
 ) -> Result<ParquetRecordBatchReaderBuilder<ParquetFile>, TableError> {
     let file = regular_file::open(path).map_err(TableError::io(path))?;
-    // Parquet's own types are enough. The Arrow schema that tools put beside them may say more than can be
-    // read (pandas: a dictionary of nulls), and then the reader panics.
-    let options = ArrowReaderOptions::new().with_skip_arrow_metadata(true);
-    undamaged(path, || ParquetFile::open(file, options))?.map_err(TableError::parquet(path))
+    undamaged(path, || ParquetFile::open_with_dictionaries(file))?
+        .map_err(TableError::parquet(path))
 }
 
 fn undamaged<T>(path: &Path, read: impl FnOnce() -> T) -> Result<T, TableError> {
