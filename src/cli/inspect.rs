@@ -16,7 +16,7 @@ use crate::pipeline::visit::Pass;
 use crate::pipeline::{Control, ring_look};
 use crate::settings::Settings;
 use inkling_core::burst::Acquisition;
-use inkling_io::damage::{Damage, note};
+use inkling_io::damage::note;
 use inkling_io::dialect::guess::Proposal;
 use inkling_io::file_error::FileError;
 use inkling_io::recording::Recording;
@@ -167,8 +167,8 @@ fn one(
     for doubt in &doubts {
         writeln!(out, "  doubt    {}", printable(doubt))?;
     }
-    for Damage { from_byte, to_byte, what } in &contents.damage {
-        writeln!(out, "  damage   bytes {from_byte} to {to_byte}: {what}")?;
+    for damage in &contents.damage {
+        writeln!(out, "  damage   {damage}")?;
     }
     writeln!(out, "  {}", if whole { "whole" } else { "NOT whole" })?;
     Ok((exit, topics.proposals))

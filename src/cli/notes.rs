@@ -133,9 +133,7 @@ pub fn not_judged(report: &RecordingReport) -> Vec<String> {
 }
 
 pub fn damage(report: &RecordingReport) -> Vec<CountedMessage> {
-    let message = |Damage { from_byte, to_byte, what }: &Damage| {
-        (format!("bytes {from_byte} to {to_byte}: "), what.clone())
-    };
+    let message = |damage: &Damage| (format!("{}: ", damage.place()), damage.what.clone());
     counted(report.damage.iter().map(message))
 }
 

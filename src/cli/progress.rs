@@ -262,8 +262,7 @@ impl Progress {
     /// Tells the first few damages of a recording, with `--quiet` the first one, and how many more there are.
     pub fn say_damage(&self, name: &str, damage: &[Damage]) {
         let name = printable::line(name, MOST_OF_A_NAME);
-        let all = damage.iter();
-        let all = all.map(|d| format!("bytes {} to {}: {}", d.from_byte, d.to_byte, d.what));
+        let all = damage.iter().map(Damage::to_string);
         let most = if is_quiet() && !is_called() { 1 } else { 10 };
         for what in first_few(all, most, |more| format!("{more} damages more")) {
             self.fail(&format!("warning: {name}: {what}"));

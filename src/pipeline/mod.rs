@@ -142,9 +142,7 @@ impl PipelineError {
 
 /// The first damage of a recording in words, as the end of a sentence; empty: there is none.
 fn and_damaged(damage: &[Damage]) -> String {
-    damage.first().map_or(String::new(), |d| {
-        format!("; it is damaged: bytes {} to {}: {}", d.from_byte, d.to_byte, d.what)
-    })
+    damage.first().map_or(String::new(), |d| format!("; it is damaged: {d}"))
 }
 
 /// Topics that are there for bursts and have no message, as part of a sentence.

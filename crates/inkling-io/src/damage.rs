@@ -20,6 +20,23 @@ pub struct Damage {
     pub what: String,
 }
 
+/// Where it is, and what.
+impl std::fmt::Display for Damage {
+    fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
+        write!(f, "{}: {}", self.place(), self.what)
+    }
+}
+
+impl Damage {
+    /// The bytes in words.
+    pub fn place(&self) -> String {
+        match self {
+            Damage { from_byte, to_byte, .. } if from_byte == to_byte => format!("byte {to_byte}"),
+            Damage { from_byte, to_byte, .. } => format!("bytes {from_byte} to {to_byte}"),
+        }
+    }
+}
+
 pub fn note(list: &mut Vec<Damage>, damage: Damage) {
     // a list has no more entries than these, since a file may be damaged everywhere
     const MOST: usize = 10_000;
