@@ -1,6 +1,6 @@
 //! One effect each of the catalogue, and some outside it, put into a foreign run by code of its own.
 
-use super::healthy::{Layout, Signal};
+use super::healthy::{Channel, Layout, Signal};
 use super::plant::{Plant, State, Terms};
 use clap::ValueEnum;
 use std::f64::consts::TAU;
@@ -34,6 +34,8 @@ pub enum Effect {
     SlowMode,
     /// Warm ink thins in the nozzle alone.
     WarmNozzle,
+    /// A neighbour's own ring is heard, at whatever phase its way leaves it.
+    NeighboursRing,
     /// Outside the catalogue: the sensor's gain drifts.
     GainDrift,
     /// Two neighbouring codes of sixteen are never given.
@@ -82,6 +84,9 @@ pub struct Place {
     pub warmer_c: f64,
     pub idle_s: f64,
     pub neighbours: f64,
+    /// The channel beside it, and how long after its kick its ring is heard, s.
+    pub neighbour: Channel,
+    pub way_s: f64,
     /// Over the nominal.
     pub drive: f64,
     /// Normal and uniform deviates of the burst.
@@ -104,6 +109,7 @@ impl Effect {
         match self {
             Effect::SlowMode => Effect::SecondMode.id(),
             Effect::WarmNozzle => Effect::Temperature.id(),
+            Effect::NeighboursRing => Effect::Crosstalk.id(),
             _ => self.to_possible_value().unwrap().get_name().to_owned(),
         }
     }
@@ -174,6 +180,12 @@ impl Hidden {
         if tail > 0.0 && at.idle_s.is_finite() {
             let later = plant.samples(plant.after(x, at.idle_s), dt, y.len());
             y.iter_mut().zip(later).for_each(|(y, later)| *y += tail * later);
+        }
+        let heard = 0.004 * self.of(Effect::NeighboursRing) * at.neighbours;
+        if heard > 0.0 {
+            let (plant, x) = at.neighbour.kicked(at.drive, at.way_s);
+            let ring = plant.samples(x, dt, y.len());
+            y.iter_mut().zip(ring).for_each(|(y, ring)| *y += heard * ring);
         }
         let sway = 7e-9 * self.of(Effect::TimeBaseSways);
         if sway > 0.0 {

@@ -177,6 +177,15 @@ pub struct Channel {
     pub state: [f64; 3],
 }
 
+impl Channel {
+    /// Its plant and its state some time after a kick.
+    pub fn kicked(&self, drive: f64, later_s: f64) -> (Plant, State) {
+        let plant = Plant { rates: self.rates, terms: Terms::default() };
+        let v = -100.0 * drive * self.gain / plant.omega();
+        (plant, plant.after(State { v, ..State::default() }, later_s))
+    }
+}
+
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Common {
     pub gain: f64,

@@ -9,7 +9,7 @@
 
 use super::artefacts::{Artefacts, accepted};
 use super::candidates::{Applied, ParameterTest, ScoreTests, Scored, Setting};
-use super::catalogue::{CATALOGUE, CauseId, RIVALS};
+use super::catalogue::{Acts, CATALOGUE, CauseId, RIVALS};
 use super::chance::without_a_name;
 use super::covariates::{DRIVE, NAMES, TEMPERATURE, TIME};
 use super::objection::Objection;
@@ -101,10 +101,13 @@ fn of_the_mean(tests: &ScoreTests, growth: f64, alone: bool) -> Option<Significa
     has_shape.then(|| ("the mean misfit has a shape of its own".into(), 2.0 * local))
 }
 
-fn following_covariates(tests: &ScoreTests, owned: &[usize]) -> Vec<Significant> {
+fn following_covariates(tests: &ScoreTests, owned: &[(usize, usize)]) -> Vec<Significant> {
     let looks = tests.covariate_scan();
     let asked = without_a_name(looks.len() as f64);
-    let beyond = looks.iter().filter(|l| !owned.contains(&l.covariate) && l.surprise > asked);
+    let is_owned = |l: &ParameterTest| {
+        owned.iter().any(|&(covariate, from)| covariate == l.covariate && from <= l.parameter)
+    };
+    let beyond = looks.iter().filter(|l| !is_owned(l) && l.surprise > asked);
     let in_words = |l: &ParameterTest| {
         let (parameter, covariate) = (PARAMETERS[l.parameter], NAMES[l.covariate]);
         (format!("{parameter} follows {covariate}"), 2.0 * l.surprise)
@@ -112,15 +115,20 @@ fn following_covariates(tests: &ScoreTests, owned: &[usize]) -> Vec<Significant>
     beyond.map(in_words).collect()
 }
 
-/// Covariates through which a cause acts, which explains whatever they do.
-fn owned_covariates(selected: &Selected) -> Vec<usize> {
+/// Covariates through which a cause acts, each with the first of the parameters that it explains: a ring that
+/// is added leaves damping and frequency alone, any other cause explains whatever the covariate does.
+fn owned_covariates(selected: &Selected) -> Vec<(usize, usize)> {
     let named = || selected.causes.iter().map(|c| c.candidate.id);
-    let mut owned: Vec<usize> = named().filter_map(CauseId::follows).collect();
+    let from = |id: CauseId| if matches!(id.row().acts, Acts::Ring { .. }) { 2 } else { 0 };
+    let mut owned: Vec<(usize, usize)> =
+        named().filter_map(|id| Some((id.follows()?, from(id)))).collect();
     let tied = selected.causes.iter().flat_map(|c| &c.tied_with);
     let of_tied = tied.filter_map(|id| id.follows());
-    owned.extend(of_tied.filter(|which| matches!(*which, TIME | TEMPERATURE)));
+    owned.extend(
+        of_tied.filter(|which| matches!(*which, TIME | TEMPERATURE)).map(|which| (which, 0)),
+    );
     if named().any(CauseId::by_amplitude) {
-        owned.push(DRIVE);
+        owned.push((DRIVE, 0));
     }
     owned
 }

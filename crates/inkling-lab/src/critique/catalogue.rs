@@ -105,8 +105,8 @@ pub enum Acts {
     Mean(Shape),
     /// A covariate moves damping, frequency or all rates of a signal.
     Rates { covariate: usize, which: Rates, per: Per },
-    /// A covariate moves the amplitude of a signal.
-    Gain { covariate: usize },
+    /// A covariate adds a share of the ring to the signal, at any phase.
+    Ring { covariate: usize },
     /// A later part of the previous ring is added to the signal.
     PreviousRing,
     /// It changes the noise of single signals.
@@ -291,7 +291,7 @@ pub static CATALOGUE: [Entry; 22] = [
         in_decays: InDecays::Needs("idle_time_s, recorded in many bursts"), ..MOST },
     Entry { id: CauseId::Crosstalk, name: "crosstalk", parameter: "kappa", needs: Needs::Neighbours,
         words: "channels that fire beside it are heard",
-        equation: "; s becomes s (1 + kappa n_nb)", acts: Acts::Gain { covariate: NEIGHBOURS },
+        equation: "+ kappa n_nb s f(t, at another phase)", acts: Acts::Ring { covariate: NEIGHBOURS },
         in_decays: InDecays::Needs("neighbours_fired, recorded in many bursts"), ..MOST },
     Entry { id: CauseId::Temperature, name: "temperature", parameter: "damping_change", unit: "1/K", needs: Needs::Temperature,
         words: "damping follows the ink's temperature",
@@ -373,7 +373,7 @@ impl CauseId {
 
     pub fn follows(self) -> Option<usize> {
         match self.row().acts {
-            Acts::Rates { covariate, .. } | Acts::Gain { covariate } => Some(covariate),
+            Acts::Rates { covariate, .. } | Acts::Ring { covariate } => Some(covariate),
             Acts::PreviousRing => Some(IDLE),
             Acts::Mean(_) | Acts::Noise | Acts::Trigger | Acts::Codes => None,
         }

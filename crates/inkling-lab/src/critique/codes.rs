@@ -36,8 +36,6 @@ const FARTHEST: f64 = 4.0;
 /// Writes what is accepted to the model.
 pub fn test(data: &Observations, model: &mut Model) -> Vec<Candidate> {
     let sd = model.noise_var.sqrt();
-    // floating-point values are told apart as far as their own digits go
-    let unit = if data.integer { 1.0 } else { FLOAT_DIGITS * model.amplitude() };
     let expected = expected(data, model);
     let mut codes = vec![Codes::default(); data.printheads.len()];
     let (mut clippings, mut steps) = (Vec::new(), Vec::new());
@@ -45,13 +43,18 @@ pub fn test(data: &Observations, model: &mut Model) -> Vec<Candidate> {
     for rows in data.rows.chunk_by(|p, q| p.printhead == q.printhead) {
         let of_head = from..from + rows.len();
         from = of_head.end;
+        let sampled = || of_head.clone().flat_map(|i| data.signal(i));
+        // one converter may give whole counts beside another's fractions, which are told apart as far as their
+        // own digits go
+        let integer = sampled().all(|y| y.fract() == 0.0);
+        let unit = if integer { 1.0 } else { FLOAT_DIGITS * model.amplitude() };
         let mut met = BTreeMap::new();
-        for y in of_head.clone().flat_map(|i| data.signal(i)) {
+        for y in sampled() {
             *met.entry((f64::from(*y) / unit).round() as i64).or_default() += 1;
         }
         let samples = of_head.start * data.samples..of_head.end * data.samples;
         let expected = &expected[samples];
-        let head = Head { met, expected, integer: data.integer, unit, sd };
+        let head = Head { met, expected, integer, unit, sd };
         let (coarse, lattice) = head.coarse_step();
         let step = if coarse.accepted() { coarse.value } else { 1.0 };
         let rails = [1.0, -1.0].map(|side| head.clipping(step, side));
@@ -288,6 +291,27 @@ mod tests {
         let [a, b] = &model.codes[..] else { panic!("two converters") };
         assert_eq!((a.rails.len(), a.lattice), (0, Some([3.0, 0.0])));
         assert_eq!((b.rails.len(), b.lattice), (1, None));
+    }
+
+    /// Of two heads of little noise one gives whole counts and one fractions of them.
+    #[test]
+    fn whole_counts_are_no_coarse_step_whatever_another_converter_gives() {
+        let run = Run { channels: 12, bursts: 4, noise: 0.1, ..Run::default() };
+        let mut rng = ChaCha8Rng::seed_from_u64(2);
+        let mut both = Sampler::new(1e-6, usize::MAX);
+        let data = draw(&run, 14);
+        for (i, row) in data.rows.iter().enumerate() {
+            let whole: Vec<f64> = data.signal(i).iter().map(|y| f64::from(*y)).collect();
+            let noise = || 0.1 * Distribution::<f64>::sample(&StandardNormal, &mut rng);
+            let fraction: Vec<f64> =
+                whole.iter().zip(std::iter::repeat_with(noise)).map(|(y, e)| y + e).collect();
+            both.offer("fractions", row.beside, &fraction);
+            both.offer("whole", row.beside, &whole);
+        }
+        let data = both.finish();
+        let mut model = Model::fitted(&data, 1).unwrap();
+        let found = test(&data, &mut model);
+        assert!(!found.iter().any(Candidate::accepted), "{found:?}");
     }
 
     /// Rings that are all alike stand in clusters of codes; those between them are not missing.

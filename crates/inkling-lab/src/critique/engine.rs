@@ -22,7 +22,7 @@ use super::adequacy::{self, Adequacy};
 use super::artefacts::{Artefacts, accepted};
 use super::candidate::Candidate;
 use super::candidates::{Scored, Setting};
-use super::catalogue::{CATALOGUE, CauseId, Entry};
+use super::catalogue::{Acts, CATALOGUE, CauseId, Entry};
 use super::extended::{self, OutlierCount};
 pub use super::extended::{Extended, NotExtended};
 use super::finding::{
@@ -300,14 +300,21 @@ fn look_again(artefacts: &mut Artefacts, selected: &Selected, whitened: bool, se
 /// whether faults are detected better with the selected causes.
 fn causes(artefacts: &Artefacts, selected: &Selected, better: bool, ln_samples: f64) -> Vec<Cause> {
     let of_artefacts = artefacts.accepted().map(|found| found.cause(found.delta_bic(ln_samples)));
-    let of_selection = selected.causes.iter().map(|chosen| Cause {
-        // only a cause that follows a covariate moves signals by different amounts
-        matters_for_detection: better && chosen.candidate.id.follows().is_some(),
-        ..chosen.cause()
-    });
     let with_sentence =
         |cause: Cause| Cause { sentence: cause_sentence(&cause, cause.id.row().words), ..cause };
-    of_artefacts.chain(of_selection).map(with_sentence).collect()
+    let of_selection = selected.causes.iter().map(|chosen| {
+        let mut cause = with_sentence(Cause {
+            // only a cause that follows a covariate moves signals by different amounts
+            matters_for_detection: better && chosen.candidate.id.follows().is_some(),
+            ..chosen.cause()
+        });
+        if matches!(cause.id.row().acts, Acts::Ring { .. }) {
+            let behind = chosen.candidate.form.shape.rem_euclid(TAU).to_degrees();
+            cause.sentence += &format!(", {behind:.0}° behind the own ring");
+        }
+        cause
+    });
+    of_artefacts.map(with_sentence).chain(of_selection).collect()
 }
 
 /// Remarks on signals that were left out or not drawn, and on why no extended design is written.

@@ -253,3 +253,28 @@ fn covariates_that_follow_each_other_tie() {
     let critique = criticised(&data.standardised());
     assert_eq!(critique.verdict, super::finding::Verdict::Tie, "{:?}", critique.causes);
 }
+
+/// A twentieth of the own ring for each neighbour, a third of a period behind.
+#[test]
+fn a_neighbours_ring_is_told_with_its_share_and_its_phase() {
+    let plain = draw(&Run { channels: 24, bursts: 5, ..Run::default() }, 6);
+    let mut heard = Sampler::new(plain.dt_s, usize::MAX);
+    for (i, row) in plain.rows.iter().enumerate() {
+        let of = 0.05 * row.beside.neighbours * row.beside.drive_v / 22.5;
+        let y = plain.signal(i).iter().enumerate().map(|(k, y)| {
+            let t = k as f64 / plain.samples as f64;
+            let turned = 40.65 * t - TAU / 3.0;
+            let ring = (-2.917 * t).exp() * (90.0 * turned.cos() - 40.0 * turned.sin());
+            (f64::from(*y) + of * ring).round()
+        });
+        heard.offer("p", row.beside, &y.collect::<Vec<f64>>());
+    }
+    let critique = criticised(&heard.finish());
+    let [cause] = &critique.causes[..] else { panic!("{:?}", critique.causes) };
+    assert_eq!(cause.id, CauseId::Crosstalk);
+    assert!((cause.value - 0.05).abs() < 0.005, "{}", cause.sentence);
+    assert!(cause.ci95[0] < 0.05 && 0.05 < cause.ci95[1], "{:?}", cause.ci95);
+    let told = cause.sentence.strip_suffix("° behind the own ring").unwrap();
+    let degrees: f64 = told.rsplit(' ').next().unwrap().parse().unwrap();
+    assert!((degrees - 120.0).abs() < 6.0, "{}", cause.sentence);
+}

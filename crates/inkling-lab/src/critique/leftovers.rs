@@ -47,7 +47,7 @@ impl Finding {
             Acts::Codes => Shows::InCodes,
             Acts::Noise | Acts::Trigger => Shows::InNoise,
             Acts::Mean(_) => Shows::InTheMean,
-            Acts::Rates { .. } | Acts::Gain { .. } | Acts::PreviousRing => Shows::ByACovariate,
+            Acts::Rates { .. } | Acts::Ring { .. } | Acts::PreviousRing => Shows::ByACovariate,
         }
     }
 

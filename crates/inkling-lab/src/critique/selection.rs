@@ -11,6 +11,7 @@
 
 use super::candidate::Chosen;
 use super::candidates::{Applied, ScoreTests, Scored, Setting};
+use super::catalogue::Acts;
 use super::chance::{HINT, surprise};
 use super::leftovers::Finding;
 use super::model::Model;
@@ -210,7 +211,7 @@ fn necessary(now: &Refit) -> Vec<bool> {
             let (steps, covariance) = nuisances.of(cause.id).causes();
             let q = cause.coefficients.len();
             // the effect itself must stay significant, not the acquisition state alone
-            let own = if cause.id.is_shape() { q } else { 1 };
+            let own = if matches!(cause.id.row().acts, Acts::Rates { .. }) { 1 } else { q };
             let x = DVector::from_column_slice(&cause.coefficients[..own]) + steps.rows(at, own);
             let block = covariance.view((at, at), (own, own)).into_owned();
             at += q;

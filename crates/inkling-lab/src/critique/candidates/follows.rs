@@ -19,12 +19,13 @@
 use super::{Applied, CLOCK, DAMPING, FREQUENCY, ScoreTests, Scored};
 use crate::critique::catalogue::{CauseId, Per, Rates};
 use crate::critique::chance::{HINT, ONCE_IN_100, surprise};
-use crate::critique::covariates::{COVARIATES, POSITION};
+use crate::critique::covariates::{COVARIATES, Covariates, POSITION};
 use crate::critique::objection::Objection;
 use crate::critique::space::Direction;
 use crate::critique::unmodelled::Interior;
 use inkling_core::model::InkChannel;
 use inkling_core::model::free_decay::ALL;
+use nalgebra::{Complex, DVector};
 use std::f64::consts::TAU;
 
 /// Ways in which a covariate is tested on damping or frequency (`covariate_free`).
@@ -59,20 +60,31 @@ impl ScoreTests<'_> {
         }
     }
 
-    /// The value is the relative change of the amplitude per unit of the covariate.
-    pub(super) fn gain(&self, id: CauseId, covariate: usize) -> Option<Scored> {
-        let t = &self.model.mean;
-        let v = [0.0, 0.0, t[2], t[3], t[4], 0.0];
-        let mut scored = self.covariate(id, covariate, v, 1.0 / self.data.beside.sd[covariate])?;
-        // The catalogue's value k is relative to a signal where the covariate is 0, the model's k'
-        // to one with the mean covariate m: k' = k / (1 + k m), so k = k' / (1 - k' m).
-        let mean = self.data.beside.mean[covariate];
-        let share = 1.0 - scored.value * mean;
-        if share > 0.1 {
-            scored.sd /= share * share;
-            scored.value /= share;
-        }
-        Some(scored)
+    /// Tests a ring that comes beside the own one, per unit of the covariate: along it and a quarter of a
+    /// period behind, so at any phase. The value is its share of the own ring.
+    pub(super) fn added_ring(&self, id: CauseId, covariate: usize) -> Option<Scored> {
+        let [_, _, a, b, c, _]: [f64; ALL] = self.model.mean.into();
+        let along = |v| Direction::covariate(self.samples, covariate, v);
+        let both = vec![along([0.0, 0.0, a, b, c, 0.0]), along([0.0, 0.0, -b, a, 0.0, 0.0])];
+        let tested = self.nuisances.covariates.test(&both)?;
+        // The model's share k' is relative to a signal with the mean covariate m, the catalogue's k to one
+        // where it is 0: k' = k / (1 + k m), so k = k' / (1 - k' m) and dk = dk' / (1 - k' m)².
+        let Covariates { sd, mean, .. } = &self.data.beside;
+        let of_sd = Complex::new(tested.coefficients[0], tested.coefficients[1]);
+        let left = Complex::from(1.0) - of_sd * (mean[covariate] / sd[covariate]);
+        let share = of_sd / left / sd[covariate];
+        // by how much the size of the share grows with each of the two coefficients
+        let outward = (share / share.norm()).conj() / (left * left) / sd[covariate];
+        let slope = DVector::from(vec![outward.re, -outward.im]);
+        let degrees = both.len();
+        let form = Applied::rigid(id, both, tested.coefficients);
+        Some(Scored {
+            degrees,
+            surprise: surprise(tested.statistic, degrees, 1.0, self.dof(false)),
+            value: share.norm(),
+            sd: slope.dot(&(&tested.covariance * &slope)).sqrt(),
+            ..Scored::plain(id, tested.statistic, Applied { shape: share.arg(), ..form })
+        })
     }
 
     /// Tests the tail of the previous ring. The value is the share of the signal's own ring, later

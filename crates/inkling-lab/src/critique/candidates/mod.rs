@@ -45,7 +45,8 @@ const CLOCK: [f64; ALL] = [1.0, 1.0, 0.0, 0.0, 0.0, 0.0];
 #[derive(Clone, Debug)]
 pub struct Applied {
     pub id: CauseId,
-    /// Its shape parameter: frequency (rad) or rate per signal length, or strength; 0 if none.
+    /// Its shape parameter: frequency (rad) or rate per signal length, or strength; of an added ring, its phase
+    /// (rad) behind the own ring; 0 if none.
     pub shape: f64,
     /// A second one: the damping of a line, per signal length; of a meniscus, its damping over the
     /// predicted one; the second number of a rival; the sweep rate of a line. 0 if none.
@@ -148,7 +149,7 @@ impl<'a> ScoreTests<'a> {
         match id.row().acts {
             Acts::Mean(shape) => self.on_the_mean(id, shape, near),
             Acts::Rates { covariate, which, per } => self.rates(id, covariate, which, per),
-            Acts::Gain { covariate } => self.gain(id, covariate),
+            Acts::Ring { covariate } => self.added_ring(id, covariate),
             Acts::PreviousRing => self.previous_ring(id),
             Acts::Noise | Acts::Trigger | Acts::Codes => None,
         }
