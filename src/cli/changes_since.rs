@@ -17,7 +17,7 @@ use crate::pipeline::rfc3339;
 use crate::report::{Changes, Fault, HeadChange, Report, Story, clock};
 use inkling_io::file_error::FileError;
 use inkling_io::inputs::Input;
-use inkling_io::journal::{Entry, Means};
+use inkling_io::journal::Entry;
 use inkling_io::{printable, regular_file, result_file};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
@@ -32,9 +32,6 @@ const MOST_LISTED: usize = 20;
 /// An earlier run, as its `run.json` describes it.
 #[derive(Debug, Deserialize)]
 pub struct EarlierRun {
-    /// Design, labels and settings that it judged by; `None`: a `run.json` without them.
-    #[serde(flatten)]
-    by: Option<Means>,
     /// A row for each recording that it was given.
     recordings: Vec<Row>,
     /// The faults that nights have told; `None`: nobody noted which.
@@ -122,7 +119,7 @@ impl EarlierRun {
         tables: &[Input],
     ) -> EarlierRun {
         let (run, now) = (path.into(), lost::entries(tables));
-        EarlierRun { by: None, recordings, faults, run, called: "the last night", now }
+        EarlierRun { recordings, faults, run, called: "the last night", now }
     }
 
     /// Whether the earlier run has a row, with a verdict table, for the recording that the report calls
@@ -131,20 +128,29 @@ impl EarlierRun {
         self.recordings.iter().any(|row| is_of(row, name))
     }
 
-    /// Whether the earlier run had judged the recording that the report calls `name`, with the content that it
-    /// has now and, where it says so, by the same design, labels and settings. When it was judged says nothing:
-    /// a recording that was judged again is no newer.
-    fn has_results(&self, name: &str) -> bool {
-        // whether the row is of the results that lie there now; without a journal it is taken for that
-        let same = |then: &Row| {
-            self.now.get(name).is_none_or(|now| {
-                then.digest == now.recording.digest
-                    && self.by.as_ref().is_none_or(|by| *by == now.by)
-            })
+    /// The row of the recording that the report calls `name`, if the earlier run had judged it with the content
+    /// that it has now. When and by which design it was judged says nothing: a recording that was judged again is
+    /// no newer.
+    fn row(&self, name: &str) -> Option<&Row> {
+        // without a journal it is taken for the same
+        let now = self.now.get(name);
+        let is_it = |row: &&Row| {
+            is_of(row, name)
+                && row.outcome.is_judged()
+                && now.is_none_or(|now| row.digest == now.recording.digest)
         };
         // recordings of several directories may have this name
-        let mut rows = self.recordings.iter();
-        rows.any(|row| is_of(row, name) && row.outcome.is_judged() && same(row))
+        self.recordings.iter().find(is_it)
+    }
+
+    fn has_results(&self, name: &str) -> bool {
+        self.row(name).is_some()
+    }
+
+    /// Whether the recording was judged again since.
+    fn is_again(&self, name: &str) -> bool {
+        let then = self.row(name).and_then(|row| row.judged_at.as_ref());
+        then.zip(self.now.get(name)).is_some_and(|(then, now)| *then != now.at)
     }
 
     /// Whether nights have told of a fault; `None`: nobody noted of which they have.
@@ -165,6 +171,8 @@ impl EarlierRun {
 pub struct ChangesSince<'a> {
     earlier: &'a EarlierRun,
     changes: Changes<'a>,
+    /// Number of recordings that were judged again since.
+    again: usize,
     /// Number of faults that are on and that somebody has acknowledged.
     known: usize,
     /// What happened to whole printheads in the recordings since then.
@@ -228,7 +236,8 @@ impl<'a> ChangesSince<'a> {
         let damaged = damaged.map(|line| Unjudged::new(&line.name, &line.flaws)).collect();
         let heads = report.head_changes.iter().filter(|of| !has_results(&of.recording)).collect();
         let known = report.open().filter(|fault| fault.story.known.is_some()).count();
-        Ok(ChangesSince { earlier, changes, known, heads, unjudged, damaged })
+        let again = lines.iter().filter(|line| earlier.is_again(&line.name)).count();
+        Ok(ChangesSince { earlier, changes, again, known, heads, unjudged, damaged })
     }
 
     /// The changes as JSON. Its key `still` has the number of faults that are on as before, `known`
@@ -240,6 +249,7 @@ impl<'a> ChangesSince<'a> {
             "from": (*recordings > 0).then(|| rfc3339(*from_ns)),
             "to": (*recordings > 0).then(|| rfc3339(*to_ns)),
             "recordings": recordings,
+            "judged_again": self.again,
             "still": still,
             "known": self.known,
             "unjudged": self.unjudged,
@@ -261,6 +271,10 @@ impl<'a> ChangesSince<'a> {
             writeln!(out, "{count} since {then}, from {from} to {to} UTC")?;
         } else {
             writeln!(out, "nothing new was judged since {then}")?;
+        }
+        if self.again > 0 {
+            let count = counted(self.again as u64, "earlier recording");
+            writeln!(out, "{count} judged again: names and sizes may be others than {then} told")?;
         }
         let line = |of: &&HeadChange| {
             format!("{}: {}", printable(&of.printhead), printable::line(&of.what, 600))

@@ -113,7 +113,15 @@ fn not_reached(out: &Path) -> Vec<LostRecording> {
         let text = |key: &str| row[key].as_str().map(str::to_owned);
         Some(LostRecording::new(text("recording")?, text("why")?))
     });
+    // what was judged before still has its results
+    let journal = Journal::read(out).unwrap_or_default();
+    let has_results = |row: &Value| {
+        let name = Path::new(row["recording"].as_str().unwrap_or_default());
+        let is_it = |of: &Entry| Path::new(&of.recording.path).ends_with(name);
+        journal.recordings().any(|of| of.outcome.is_judged() && is_it(of))
+    };
     let rows = rows("recordings").filter(|row| row["outcome"] == json!(Outcome::NotReached));
+    let rows = rows.filter(|row| !has_results(row));
     let lost = rows.filter_map(|row| {
         let why = row["why"].as_str().unwrap_or("the run ended before it");
         Some(LostRecording::new(row["recording"].as_str()?, format!("not reached: {why}")))

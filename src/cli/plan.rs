@@ -121,18 +121,11 @@ impl Planner<'_> {
             job.decision = self.resume.decide(job, |path| self.digest(path))?;
             job.link = match &job.decision {
                 Decision::Finished { entry, .. } => entry.baseline.clone(),
-                Decision::Judge(_) => self.learned_from(job),
+                Decision::Judge(_) => self.resume.journal.link_of(&job.source.path).cloned(),
                 Decision::Refuse(_) => None,
             };
         }
         Ok(jobs)
-    }
-
-    /// The states of the baselines before and after they learned from a recording that is to be judged again;
-    /// `None` if they did not.
-    fn learned_from(&self, job: &Job) -> Option<Link> {
-        let known = self.resume.journal.of_result(&job.verdicts)?;
-        known.baseline.clone().filter(|_| known.recording.path == job.source.path)
     }
 
     /// Orders the recordings by when they begin, since each is judged by the baselines that the recordings before

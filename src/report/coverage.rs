@@ -292,7 +292,7 @@ fn not_measured(survey: &Survey, sources: &[Source]) -> Vec<Gap> {
         let what = match head.channels.iter().filter(silent).count() {
             0 => return None,
             _ if tally.span?.1 < from_ns => {
-                format!("the last recording of {name}: it was not heard in the last night")
+                format!("{name} was not heard in the last night: this was its last recording")
             }
             n => {
                 let of = counted(head.channels.len() as u64, "channel");

@@ -232,7 +232,9 @@ pub fn trend_in_words(story: &Story) -> String {
     let [low, high] = trend.interval.map(|v| v * scale / per);
 
     // As many decimals as show the first digit of the uncertainty.
+    // and, within reason, the first digit of the bound that lies next to 0
     let digits = words::digits_of((high - low) / 2.0);
+    let digits = digits.max(words::digits_of(low.abs().min(high.abs())).min(digits + 2));
     let n = |v: f64| words::signed(v, digits);
     let word = match trend.direction() {
         Direction::Worse => "getting worse",

@@ -43,10 +43,18 @@ pub fn lights(report: &Report, drawn: &LinkTargets) -> String {
 /// The light of a printhead, and the words beside it: those of its worst open fault, if it has any.
 fn lit(report: &Report, head: &Head) -> (Light, String) {
     let open = || report.open().filter(|fault| fault.story.printhead == head.name);
+    let news = || open().filter(|fault| fault.story.known.is_none());
     let channels = counted(head.channels.len() as u64, "channel");
-    match open().map(Light::of).max() {
-        Some(worst) => (worst, format!("{} of {channels} to clean", open().count())),
+    let (light, words) = match news().map(Light::of).max() {
+        Some(worst) => (worst, format!("{} of {channels} to clean", news().count())),
         None => known(report, head, &channels),
+    };
+    match open().count() - news().count() {
+        0 => (light, words),
+        n => {
+            let words = words.replace("nothing found", "nothing else found");
+            (light, format!("{words}, {}", counted(n as u64, "known fault")))
+        }
     }
 }
 

@@ -71,7 +71,11 @@ fn to_clean(
     out: &mut impl Write,
 ) -> io::Result<()> {
     let channels = counted(open.len() as u64, "channel");
-    writeln!(out, "to clean after {recordings}: {channels}, most urgent first")?;
+    let known = match open.iter().filter(|fault| fault.story.known.is_some()).count() {
+        0 => String::new(),
+        known => format!(" ({known} acknowledged as known)"),
+    };
+    writeln!(out, "to clean after {recordings}: {channels}{known}, most urgent first")?;
     let heads = [
         Column::Number("urgency", 7),
         Column::Words("printhead", 20),

@@ -158,6 +158,8 @@ pub struct Journal {
     /// By the path of the verdict table below the directory.
     by_result: HashMap<String, Arc<Entry>>,
     by_path: HashMap<String, Arc<Entry>>,
+    /// What the state has learned from a recording, by its path. It has, whoever judged the recording since.
+    links: HashMap<String, Link>,
     /// Settings by their text: entries share them, since a journal may have a million lines.
     settings: HashMap<String, Arc<Value>>,
 }
@@ -189,6 +191,9 @@ impl Journal {
     fn add(&mut self, mut entry: Entry) {
         let text = entry.by.settings.to_string();
         entry.by.settings = self.settings.entry(text).or_insert(entry.by.settings).clone();
+        if let Some(link) = &entry.baseline {
+            self.links.insert(entry.recording.path.clone(), link.clone());
+        }
         let entry = Arc::new(entry);
         self.by_path.insert(entry.recording.path.clone(), entry.clone());
         if let Some(results) = &entry.results {
@@ -203,6 +208,11 @@ impl Journal {
 
     pub fn recordings(&self) -> impl Iterator<Item = &Entry> {
         self.by_path.values().map(Arc::as_ref)
+    }
+
+    /// The states before and after they learned from a recording; `None`: none did.
+    pub fn link_of(&self, path: &str) -> Option<&Link> {
+        self.links.get(path)
     }
 
     pub fn of_recording(&self, path: &str) -> Option<&Arc<Entry>> {

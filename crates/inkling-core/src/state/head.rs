@@ -65,6 +65,8 @@ pub struct Head {
     pub heard_ns: Option<i64>,
     /// Whether only another head was heard since the last pause.
     still_paused: bool,
+    /// Whether the recording lies before what was heard already.
+    is_earlier: bool,
     pub swapped_ns: Option<i64>,
     /// Channels that one look after a pause puts down to another channel: when, and the mean of the healthy
     /// looks before, canonical.
@@ -136,6 +138,7 @@ impl Head {
             channels: BTreeMap::new(),
             heard_ns: None,
             still_paused: false,
+            is_earlier: false,
             swapped_ns: None,
             replaced: BTreeMap::new(),
             heard: BTreeSet::new(),
@@ -150,6 +153,7 @@ impl Head {
     /// Called before a recording that begins at `t_ns`. If the head was heard then or later (it is
     /// judged again), its first sweep counts as one after a pause.
     pub fn begin(&mut self, t_ns: i64) {
+        self.is_earlier = self.heard_ns.is_some_and(|heard_ns| heard_ns >= t_ns);
         self.heard_ns = self.heard_ns.filter(|heard_ns| *heard_ns < t_ns);
     }
 
@@ -364,20 +368,22 @@ impl Head {
 
     /// Channels that ring otherwise than before a pause, as another channel in their place would: not by the
     /// first look alone, but where the mean of the looks since lies beyond what a channel moves by from day to
-    /// day ([`DRIFTED`]).
+    /// day ([`DRIFTED`]). None in a recording that is earlier than what is known: it shows the channel before.
     pub fn replaced(&self) -> impl Iterator<Item = OtherChannel> {
         let of_looks = self.noise() * process::BETWEEN.powi(2);
-        self.replaced.iter().filter_map(move |(&channel, &(since_ns, before))| {
-            let now = self.channels.get(&channel)?.healthy();
-            let variance = of_looks * 2.0 + self.noise() / now.looks.max(f64::MIN_POSITIVE);
-            let by = now.mean() - before;
-            let is_other = by.component_div(&variance.map(f64::sqrt)).norm_squared() > DRIFTED;
-            (is_other && now.looks >= process::FEW).then(|| OtherChannel {
-                channel,
-                since_ns,
-                by: self.kind.from * by,
-            })
-        })
+        self.replaced.iter().filter(|_| !self.is_earlier).filter_map(
+            move |(&channel, &(since_ns, before))| {
+                let now = self.channels.get(&channel)?.healthy();
+                let variance = of_looks * 2.0 + self.noise() / now.looks.max(f64::MIN_POSITIVE);
+                let by = now.mean() - before;
+                let is_other = by.component_div(&variance.map(f64::sqrt)).norm_squared() > DRIFTED;
+                (is_other && now.looks >= process::FEW).then(|| OtherChannel {
+                    channel,
+                    since_ns,
+                    by: self.kind.from * by,
+                })
+            },
+        )
     }
 
     fn update(&mut self, of: &Explained) {
