@@ -32,6 +32,9 @@ const SETTINGS_NAME: &str = "pipeline.toml";
 const STATE_NAME: &str = "state.json";
 pub const PAGE_NAME: &str = "report.html";
 pub const NIGHT_NAME: &str = "night.json";
+const EXIT_STATUS: &str = "inkling_exit_status";
+/// Most bytes of a file of metrics that is read.
+const MOST_METRICS_BYTES: u64 = 64 << 20;
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
@@ -79,8 +82,39 @@ struct RunEnd {
     recordings: Vec<Row>,
 }
 
-/// Runs the verb.
+/// Runs the verb. However it fails, the metrics say so.
 pub fn run(args: Args) -> Result<Exit, Failure> {
+    let metrics = args.metrics.clone();
+    let ended = night(args);
+    if let (Some(path), Err(failure)) = (metrics, &ended) {
+        let told = failed_metrics(&path, failure.exit);
+        told.unwrap_or_else(|e| complain(&format!("inkling: --metrics {}: {e}", path.display())));
+    }
+    ended
+}
+
+/// Puts the exit status of a failed night into the metrics that are there, or alone into new ones. What is no file of
+/// metrics stays.
+fn failed_metrics(path: &Path, status: Exit) -> std::io::Result<()> {
+    let there = if_there(regular_file::read(path, MOST_METRICS_BYTES))?.unwrap_or_default();
+    let there = String::from_utf8_lossy(&there);
+    if !there.is_empty() && !there.starts_with(metrics::BEGIN) {
+        return Ok(());
+    }
+    let kept = there.lines().filter(|line| !line.contains(EXIT_STATUS));
+    let mut text: String = kept.map(|line| format!("{line}\n")).collect();
+    text += &exit_status(status);
+    part_file::write(path, text.as_bytes())
+}
+
+fn exit_status(status: Exit) -> String {
+    let mut metrics = metrics::Metrics::default();
+    let help = "Exit status of the last night.";
+    metrics.one(EXIT_STATUS, "gauge", help, f64::from(status as u8));
+    metrics.text
+}
+
+fn night(args: Args) -> Result<Exit, Failure> {
     // 1. all that may be wrong is looked at first; `replay` looks at the rest
     let here = Path::new(SETTINGS_NAME);
     if args.config.is_none() && !here.is_file() {
@@ -246,13 +280,7 @@ fn metrics(report: Option<&Report>, kept: &Kept, rows: &[Row], status: Exit) -> 
     let succeeded = succeeded.map(|at| (Vec::new(), at.timestamp() as f64));
     let help = "When a night last ended with status 0 or 3.";
     metrics.family("inkling_last_success_seconds", "gauge", help, succeeded);
-    metrics.one(
-        "inkling_exit_status",
-        "gauge",
-        "Exit status of the last night.",
-        f64::from(status as u8),
-    );
-    metrics.text
+    metrics.text + &exit_status(status)
 }
 
 /// What a report has found.
