@@ -118,7 +118,7 @@ fn account(out: &Path) -> Option<Value> {
 fn warn_of_the_unknown(account: &Value, printhead: &str, channel: &str, is_fault: bool) {
     let mut statements = account["statements"].as_array().into_iter().flatten();
     let is_it = |of: &Value| {
-        let is_channel = channel.is_empty() || of["channel"].to_string() == channel;
+        let is_channel = channel.is_empty() || of["channel"].as_u64() == channel.parse().ok();
         of["printhead"] == printhead && is_channel && (!is_fault || of["fault"].is_object())
     };
     let mut heads = account["printheads"].as_array().into_iter().flatten();

@@ -43,7 +43,7 @@ pub struct TopicSummary {
     pub first_ns: u64,
     pub last_ns: u64,
     pub first_message: Option<Bytes>,
-    /// Those after it, [`MOST_NEXT`] at most: the first alone may be cut or of another kind.
+    /// The two after it, at most: the first alone may be cut or of another kind.
     pub next_messages: Vec<Bytes>,
     pub kind: MessageKind,
 }
