@@ -34,7 +34,7 @@ const MOST_LISTED: usize = 20;
 pub struct EarlierRun {
     /// A row for each recording that it was given.
     recordings: Vec<Row>,
-    /// The faults that nights have told; `None`: nobody noted which.
+    /// The faults that nights have told; `None`: it is a run, which notes none.
     #[serde(skip)]
     faults: Option<Vec<ToldFault>>,
     /// The path by which the run was given.
@@ -115,11 +115,11 @@ impl EarlierRun {
     pub fn told(
         path: &Path,
         recordings: Vec<Row>,
-        faults: Option<Vec<ToldFault>>,
+        faults: Vec<ToldFault>,
         tables: &[Input],
     ) -> EarlierRun {
         let (run, now) = (path.into(), lost::entries(tables));
-        EarlierRun { recordings, faults, run, called: "the last night", now }
+        EarlierRun { recordings, faults: Some(faults), run, called: "the last night", now }
     }
 
     /// Whether the earlier run has a row, with a verdict table, for the recording that the report calls
@@ -153,7 +153,7 @@ impl EarlierRun {
         then.zip(self.now.get(name)).is_some_and(|(then, now)| *then != now.at)
     }
 
-    /// Whether nights have told of a fault; `None`: nobody noted of which they have.
+    /// Whether nights have told of a fault; `None`: it is a run.
     fn was_told(&self, story: &Story) -> Option<bool> {
         self.faults.as_ref().map(|told| told.iter().any(|of| of.is(story)))
     }
@@ -240,8 +240,8 @@ impl<'a> ChangesSince<'a> {
         Ok(ChangesSince { earlier, changes, again, known, heads, unjudged, damaged })
     }
 
-    /// The changes as JSON. Its key `still` has the number of faults that are on as before, `known`
-    /// of those that are acknowledged.
+    /// The changes as JSON. `still` is the number of faults that are on as before, `known` of those that are
+    /// acknowledged, `judged_again` of recordings.
     pub fn as_json(&self) -> Value {
         let Changes { from_ns, to_ns, recordings, still, .. } = &self.changes;
         let mut document = json!({

@@ -113,12 +113,20 @@ fn not_reached(out: &Path) -> Vec<LostRecording> {
         let text = |key: &str| row[key].as_str().map(str::to_owned);
         Some(LostRecording::new(text("recording")?, text("why")?))
     });
-    // what was judged before still has its results
+    // what was judged before and has not changed since still has its results
     let journal = Journal::read(out).unwrap_or_default();
+    let judged = journal.recordings().filter(|of| of.outcome.is_judged());
+    let mut by_name: BTreeMap<_, Vec<&Entry>> = BTreeMap::new();
+    for of in judged {
+        by_name.entry(Path::new(&of.recording.path).file_name()).or_default().push(of);
+    }
     let has_results = |row: &Value| {
         let name = Path::new(row["recording"].as_str().unwrap_or_default());
-        let is_it = |of: &Entry| Path::new(&of.recording.path).ends_with(name);
-        journal.recordings().any(|of| of.outcome.is_judged() && is_it(of))
+        let mut of_name = by_name.get(&name.file_name()).into_iter().flatten();
+        of_name.any(|of| {
+            let path = Path::new(&of.recording.path);
+            path.ends_with(name) && stored::stamp(path).ok() == of.recording.stamp
+        })
     };
     let rows = rows("recordings").filter(|row| row["outcome"] == json!(Outcome::NotReached));
     let rows = rows.filter(|row| !has_results(row));

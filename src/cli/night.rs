@@ -70,9 +70,8 @@ struct Kept {
     succeeded_at: Option<String>,
     /// What became of each recording, as it was told last.
     recordings: Vec<Row>,
-    /// The faults that were told. `None`: a file of 0.2.0, which had only recordings.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    faults: Option<Vec<ToldFault>>,
+    /// The faults that were told.
+    faults: Vec<ToldFault>,
 }
 
 /// How a run ended, as its account says.
@@ -235,7 +234,7 @@ impl Kept {
     /// as it was.
     fn take(&mut self, told: Vec<Row>, report: &Report) {
         let latest = report.faults.iter().filter(|fault| fault.is_latest);
-        self.faults = Some(latest.map(|fault| ToldFault::of(&fault.story)).collect());
+        self.faults = latest.map(|fault| ToldFault::of(&fault.story)).collect();
         let told: Vec<Row> =
             told.into_iter().filter(|row| row.outcome != Outcome::NotReached).collect();
         let recordings: BTreeSet<&str> = told.iter().map(|row| row.recording.as_str()).collect();

@@ -161,7 +161,7 @@ impl Head {
 
     /// The clock was set to `t_ns`: what follows comes after a pause.
     pub fn begin_anew(&mut self, t_ns: i64) {
-        self.state.begin(t_ns);
+        self.state.clock_set(t_ns);
     }
 
     /// Checks a burst for frozen channels, unless noise is so low that signals may be equal by chance.

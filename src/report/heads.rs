@@ -51,10 +51,7 @@ fn lit(report: &Report, head: &Head) -> (Light, String) {
     };
     match open().count() - news().count() {
         0 => (light, words),
-        n => {
-            let words = words.replace("nothing found", "nothing else found");
-            (light, format!("{words}, {}", counted(n as u64, "known fault")))
-        }
+        n => (light, format!("{words} beside {}", counted(n as u64, "known fault"))),
     }
 }
 

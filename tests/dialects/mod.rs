@@ -260,6 +260,24 @@ fn messages_that_cannot_be_read_are_rows_and_the_others_are_judged() {
     assert!((42..62).all(|log_time| rows.contains_key(&(log_time, "second head".into(), 0))));
 }
 
+/// What a logger says first may be no burst.
+#[test]
+fn one_odd_first_message_costs_itself_alone() {
+    let house = House::new();
+    let greeted = Written {
+        encode: |burst| match burst.t_acq_ns == some(0, 1)[0].t_acq_ns {
+            true => b"{\"hello\": 1}".to_vec(),
+            false => (json().encode)(burst),
+        },
+        ..json()
+    };
+    writers::write(&house.path("r.mcap"), &some(0, 20), &greeted);
+    house.write("s.toml", JSON);
+    replay(&house, "r.mcap", "--config s.toml").exits(3);
+    let summary = house.read_json("out/r.summary.json");
+    assert_eq!(summary["counts"]["rejected"]["undecodable"], 1);
+}
+
 /// As Python writes them, what overflows, and what instruments write.
 #[test]
 fn numbers_that_json_does_not_have_cost_their_channel_alone() {

@@ -221,6 +221,7 @@ fn other_channels_are_listed_behind_any_number_of_those_of_bursts() {
     let recording = open(&path);
     let others: Vec<&str> = recording.others.iter().map(|other| &*other.topic).collect();
     assert_eq!(others, ["/camera", "/wave"]);
+    assert_eq!((recording.silent.len(), &*recording.silent[0]), (64, "/printhead/0/bursts"));
 }
 
 #[test]

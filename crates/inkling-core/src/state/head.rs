@@ -154,6 +154,11 @@ impl Head {
     /// judged again), its first sweep counts as one after a pause.
     pub fn begin(&mut self, t_ns: i64) {
         self.is_earlier = self.heard_ns.is_some_and(|heard_ns| heard_ns >= t_ns);
+        self.clock_set(t_ns);
+    }
+
+    /// What follows begins at `t_ns`, and after a pause.
+    pub fn clock_set(&mut self, t_ns: i64) {
         self.heard_ns = self.heard_ns.filter(|heard_ns| *heard_ns < t_ns);
     }
 
@@ -371,19 +376,18 @@ impl Head {
     /// day ([`DRIFTED`]). None in a recording that is earlier than what is known: it shows the channel before.
     pub fn replaced(&self) -> impl Iterator<Item = OtherChannel> {
         let of_looks = self.noise() * process::BETWEEN.powi(2);
-        self.replaced.iter().filter(|_| !self.is_earlier).filter_map(
-            move |(&channel, &(since_ns, before))| {
-                let now = self.channels.get(&channel)?.healthy();
-                let variance = of_looks * 2.0 + self.noise() / now.looks.max(f64::MIN_POSITIVE);
-                let by = now.mean() - before;
-                let is_other = by.component_div(&variance.map(f64::sqrt)).norm_squared() > DRIFTED;
-                (is_other && now.looks >= process::FEW).then(|| OtherChannel {
-                    channel,
-                    since_ns,
-                    by: self.kind.from * by,
-                })
-            },
-        )
+        let told = self.replaced.iter().filter(|_| !self.is_earlier);
+        told.filter_map(move |(&channel, &(since_ns, before))| {
+            let now = self.channels.get(&channel)?.healthy();
+            let variance = of_looks * 2.0 + self.noise() / now.looks.max(f64::MIN_POSITIVE);
+            let by = now.mean() - before;
+            let is_other = by.component_div(&variance.map(f64::sqrt)).norm_squared() > DRIFTED;
+            (is_other && now.looks >= process::FEW).then(|| OtherChannel {
+                channel,
+                since_ns,
+                by: self.kind.from * by,
+            })
+        })
     }
 
     fn update(&mut self, of: &Explained) {

@@ -403,6 +403,9 @@ fn replaced_channels_are_told_and_no_others() {
                 told += u32::from(is_right);
                 others += u32::from(!is_right);
             }
+            // a recording that is judged again, of a time when the channel was another one
+            world.head.begin(world.t_ns - DAY);
+            assert_eq!(world.head.replaced().count(), 0);
         }
     }
     assert!(told >= 20 && others == 0, "{told} of 40 replaced channels, {others} others");
