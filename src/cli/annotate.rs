@@ -7,7 +7,7 @@
 //! series of images. The batch calls [`annotate`] once per recording, after its tables have their
 //! names.
 
-use crate::report::{Names, Survey, waterfalls};
+use crate::report::{Names, RecordingCounts, Survey, waterfalls};
 use inkling_core::episodes::Episode;
 use inkling_core::verdict::{Outcome, VerdictColumns};
 use inkling_io::annotation_writer::{self, AnnotationWriter, ChannelState, Level};
@@ -58,16 +58,17 @@ pub fn annotate(verdicts: &Path) -> Result<(), NotAnnotated> {
         }
     }
 
-    // one pass over the verdicts gives the messages, and feeds the survey, from which the maps are
-    // drawn
+    // one pass over the verdicts gives the messages, and the counts, from which the maps are drawn
+    let mut counts = RecordingCounts::new(&episodes, true);
     let mut survey = Survey::new(vec![episodes], true);
     let mut reader = VerdictReader::open(verdicts).map_err(|e| e.to_string())?;
     while let Some(columns) = reader.next() {
         let columns = columns.map_err(|e| e.to_string())?;
         let names = Names { classes: reader.classes(), categories: reader.categories() };
-        survey.add(0, &columns, names);
+        counts.add(&columns, names);
         states(&mut writer, &columns, &watched, names)?;
     }
+    survey.absorb(0, counts);
     for head in &survey.heads {
         waterfalls(head, |t_ns, png| Ok::<_, NotAnnotated>(writer.image(t_ns, &head.name, png)?))?;
     }

@@ -32,6 +32,7 @@ mod collected;
 mod contents;
 mod convert;
 mod copies;
+mod counts_file;
 mod critique;
 mod effect;
 pub mod exit;

@@ -149,7 +149,7 @@ fn night(args: Args) -> Result<Exit, Failure> {
     // 3. the page, and what changed; where there are no verdicts at all, the run has failed, and says why
     let mut kept = Kept::read(&kept_at);
     let read = results::find(std::slice::from_ref(&settings.output.dir), "a report")
-        .and_then(|found| Ok((report_page::read(&found, &settings)?, found)));
+        .and_then(|found| Ok((report_page::read(&found, &settings, true)?, found)));
     let (read, ended) = match (read, ended) {
         (Ok(read), ended) => (Some(read), ended),
         (Err(_), Err(failure)) => (None, Err(failure)),

@@ -11,7 +11,7 @@ use super::changes_since::{ChangesSince, EarlierRun, as_json, head_as_json};
 use super::exit::{Exit, Failure};
 use super::output;
 use super::progress::{Progress, first_few, interruptible};
-use super::results::{self, ReadReport};
+use super::results::{self, OfVerdicts, ReadReport};
 use crate::report::{self, Fault, Report};
 use crate::settings::Settings;
 use inkling_core::verdict::Reason;
@@ -85,7 +85,7 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     let found = results::find(&args.out, "a report")?;
     let earlier =
         args.changes_since.as_deref().map(|run| EarlierRun::read(run, &found)).transpose()?;
-    let read = read(&found, &settings)?;
+    let read = read(&found, &settings, false)?;
     let since = earlier.as_ref().map(|earlier| ChangesSince::of(earlier, &read.report));
     let since = since.transpose()?;
     // 3. files first, then stdout
@@ -114,10 +114,15 @@ fn account_of(out: &[String]) -> Result<Option<PathBuf>, Failure> {
     Ok(Some(account))
 }
 
-/// Reads the results of these tables, and tells what could not be read.
-pub fn read(found: &[Input], settings: &Settings) -> Result<ReadReport, Failure> {
+/// Reads the results of these tables, and tells what could not be read. `keeps_counts`: as in [`OfVerdicts`].
+pub fn read(
+    found: &[Input],
+    settings: &Settings,
+    keeps_counts: bool,
+) -> Result<ReadReport, Failure> {
+    let wanted = OfVerdicts { with_maps: true, keeps_counts };
     let progress = Progress::new(1, 0);
-    let read = results::read(found, &settings.report, true, &progress, &interruptible())?;
+    let read = results::read(found, &settings.report, wanted, &progress, &interruptible())?;
 
     // The actions can only be checked now that the classes of the recordings are known. There may be some for these,
     // and for classes that the settings declare.

@@ -1,16 +1,18 @@
-//! Reads the results of earlier replays for a report: first summaries and episodes, then all
-//! verdicts once. In: verdict tables, from `report_page`, or from `batch` for its cleaning list.
+//! Reads the results of earlier replays for a report: first summaries and episodes, then the counts of
+//! verdicts. In: verdict tables, from `report_page`, or from `teller` for the account and the cleaning list.
 //! Out: a [`ReadReport`]: the report, and what could not be read. `score` uses only [`find`].
 //!
-//! Verdicts of a year do not fit into memory, so one thread reads batches of a few columns ahead,
-//! and another one adds them up (`Survey`). The survey needs all episodes before the first verdict.
+//! Verdicts do not fit into memory, so one thread reads batches of a few columns ahead, and another one counts them
+//! ([`count_all`]). Those that were counted before are not read again (`counts_file`). The survey, which adds the counts
+//! up, needs all episodes before them.
 
 use super::copies::{self, Table};
+use super::counts_file::Key;
 use super::exit::Failure;
 use super::lost;
 use super::progress::Progress;
 use crate::pipeline::Control;
-use crate::report::{Clocks, Names, Report, ReportSettings, Source, Survey};
+use crate::report::{Clocks, Names, RecordingCounts, Report, ReportSettings, Source, Survey};
 use inkling_core::verdict::VerdictColumns;
 use inkling_io::inputs::Input;
 use inkling_io::objects::in_object_store;
@@ -80,22 +82,42 @@ pub struct ReadReport {
     pub classes: BTreeSet<String>,
 }
 
-/// Some rows of a recording, with the names to which the indices in their columns refer.
-struct VerdictBatch {
-    /// Index of the recording.
+/// What is wanted of the verdicts.
+#[derive(Clone, Copy, Debug)]
+pub struct OfVerdicts {
+    /// Whether the report is to have maps of channels over time, which only the page shows.
+    pub with_maps: bool,
+    /// Whether counts are kept beside the verdicts, for later runs.
+    pub keeps_counts: bool,
+}
+
+/// A recording whose verdicts are to be read.
+struct Unread<'a> {
     recording: usize,
-    columns: VerdictColumns,
-    classes: Vec<String>,
-    categories: Vec<String>,
+    file: &'a Path,
+    key: Option<Key>,
+    /// Its counts, which know its episodes, and so far no verdicts.
+    counts: RecordingCounts,
+    clocks: Clocks,
+}
+
+/// What is read of one table after another.
+enum Read {
+    Rows {
+        columns: VerdictColumns,
+        classes: Vec<String>,
+        categories: Vec<String>,
+    },
+    /// The table was read to its end, or it was not, and why.
+    End(Result<(), String>),
 }
 
 /// Reads the results of all tables into a report. A table that cannot be read is left out and noted
-/// in `failed`; if no verdicts can be read at all, that is the failure. `with_maps`: whether the
-/// report is to have maps of channels over time, which only the page shows.
+/// in `failed`; if no verdicts can be read at all, that is the failure.
 pub fn read(
     inputs: &[Input],
     settings: &ReportSettings,
-    with_maps: bool,
+    of_verdicts: OfVerdicts,
     progress: &Progress,
     control: &Control,
 ) -> Result<ReadReport, Failure> {
@@ -137,26 +159,29 @@ pub fn read(
         files.push(path);
     }
 
-    // 4. all verdicts once; the survey needs all episodes before the first verdict
-    let mut survey = Survey::new(episodes, with_maps);
-    let bytes: u64 = files.iter().map(|file| stored::bytes(file)).sum();
+    // 4. the counts of each recording: those that are kept beside its verdicts, or else by reading these
+    let keys: Vec<Option<Key>> = files
+        .iter()
+        .zip(episodes.iter().zip(&sources))
+        .map(|(file, (episodes, source))| Key::of(file, episodes, &source.document))
+        .collect();
+    let begun = episodes.iter().map(|of| RecordingCounts::new(of, of_verdicts.with_maps));
+    let begun: Vec<RecordingCounts> = begun.collect();
+    let mut survey = Survey::new(episodes, of_verdicts.with_maps);
+    let mut unread: Vec<Unread> = Vec::new();
+    for (recording, ((key, counts), clocks)) in keys.into_iter().zip(begun).zip(clocks).enumerate()
+    {
+        if control.interrupted() {
+            break;
+        }
+        match key.as_ref().and_then(|key| key.read(of_verdicts.with_maps)) {
+            Some(kept) => survey.absorb(recording, kept),
+            None => unread.push(Unread { recording, file: files[recording], key, counts, clocks }),
+        }
+    }
+    let bytes: u64 = unread.iter().map(|of| stored::bytes(of.file)).sum();
     progress.during("verdicts", bytes, control, || {
-        // one thread reads ahead, this one adds up
-        let (send, receive) = sync_channel(READ_AHEAD);
-        std::thread::scope(|scope| {
-            let files = &files;
-            scope.spawn(move || read_all(files, control, &send));
-            for batch in receive.into_iter().take_while(|_| !control.interrupted()) {
-                match batch {
-                    Ok(VerdictBatch { recording, mut columns, classes, categories }) => {
-                        clocks[recording].put_rows_right(&mut columns);
-                        let names = Names { classes: &classes, categories: &categories };
-                        survey.add(recording, &columns, names);
-                    }
-                    Err(e) => failed.push(e),
-                }
-            }
-        });
+        count_all(unread, of_verdicts.keeps_counts, &mut survey, &mut failed, control);
     });
     if control.interrupted() {
         return Err(Failure::new("interrupted; nothing was written"));
@@ -208,39 +233,62 @@ fn episodes_of(
     })
 }
 
-/// Reads the batches of all files in their order, and sends them ahead of their use. A file that
-/// cannot be read to its end is told as an error, and the next one is read. Progress counts whole
-/// files.
-fn read_all(files: &[&Path], control: &Control, send: &SyncSender<Result<VerdictBatch, String>>) {
-    for (recording, file) in files.iter().enumerate() {
-        if let Err(e) = read_one(recording, file, control, send) {
-            let failed = format!("{e}; its rows from there on are not in the report");
-            if send.send(Err(failed)).is_err() {
-                return;
+/// Counts the verdicts of recordings, and adds them up: one thread reads ahead, this one counts. `keeps`: whether
+/// whole counts are kept.
+fn count_all(
+    recordings: Vec<Unread>,
+    keeps: bool,
+    survey: &mut Survey,
+    failed: &mut Vec<String>,
+    control: &Control,
+) {
+    let (send, receive) = sync_channel(READ_AHEAD);
+    std::thread::scope(|scope| {
+        let files: Vec<&Path> = recordings.iter().map(|of| of.file).collect();
+        scope.spawn(move || read_all(&files, control, &send));
+        for Unread { recording, key, mut counts, mut clocks, .. } in recordings {
+            let end = loop {
+                match receive.recv() {
+                    Ok(Read::Rows { mut columns, classes, categories }) => {
+                        clocks.put_rows_right(&mut columns);
+                        counts.add(&columns, Names { classes: &classes, categories: &categories });
+                    }
+                    Ok(Read::End(end)) => break end,
+                    Err(_) => return, // interrupted
+                }
+            };
+            match end {
+                Ok(()) => key.iter().filter(|_| keeps).for_each(|key| key.keep(&counts)),
+                Err(e) => failed.push(e),
             }
+            survey.absorb(recording, counts);
         }
-        control.bytes_read.fetch_add(stored::bytes(file), Ordering::Relaxed);
-        if control.interrupted() {
+    });
+}
+
+/// Reads all files in their order, and sends their rows ahead of their use. Where one cannot be read to its end, the
+/// next one is read. Progress counts whole files.
+fn read_all(files: &[&Path], control: &Control, send: &SyncSender<Read>) {
+    for file in files {
+        let end = read_one(file, control, send)
+            .map_err(|e| format!("{e}; its rows from there on are not in the report"));
+        if control.interrupted() || send.send(Read::End(end)).is_err() {
             return;
         }
+        control.bytes_read.fetch_add(stored::bytes(file), Ordering::Relaxed);
     }
 }
 
-/// Sends the batches of one file.
-fn read_one(
-    recording: usize,
-    file: &Path,
-    control: &Control,
-    send: &SyncSender<Result<VerdictBatch, String>>,
-) -> Result<(), TableError> {
+/// Sends the rows of one file.
+fn read_one(file: &Path, control: &Control, send: &SyncSender<Read>) -> Result<(), TableError> {
     let mut verdicts = VerdictReader::open_columns(file, &COLUMNS)?;
     while let Some(columns) = verdicts.next() {
         let columns = columns?;
         control.signals.fetch_add(columns.len() as u64, Ordering::Relaxed);
         let (classes, categories) = (verdicts.classes().to_vec(), verdicts.categories().to_vec());
-        let sent = send.send(Ok(VerdictBatch { recording, columns, classes, categories }));
+        let sent = send.send(Read::Rows { columns, classes, categories });
         if sent.is_err() || control.interrupted() {
-            return Ok(()); // nobody looks any more
+            return Ok(()); // nobody counts any more
         }
     }
     Ok(())

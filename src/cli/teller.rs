@@ -15,7 +15,7 @@ use super::output;
 use super::progress::{Progress, first_few, is_called};
 use super::report::printable_path;
 use super::report_page::{ACCOUNT_NAME, write_json};
-use super::results;
+use super::results::{self, OfVerdicts};
 use crate::report::print as print_report;
 use inkling_io::file_error::FileError;
 use inkling_io::job::Job;
@@ -25,6 +25,8 @@ use serde_json::{Value, json};
 use std::io::Write;
 use std::path::Path;
 
+/// The account has no maps, and later runs need not count the same verdicts again.
+const COUNTED: OfVerdicts = OfVerdicts { with_maps: false, keeps_counts: true };
 /// Most complaints told one by one; lost names and annotations are extra.
 const MOST_FAILURES: usize = 10;
 
@@ -207,7 +209,7 @@ impl Teller<'_> {
         let settings = &run.replay.settings.report;
         let found = results::find(&[self.out.to_string_lossy().into()], "an account");
         let read = found.and_then(|inputs| {
-            let read = results::read(&inputs, settings, false, self.progress, run.control)?;
+            let read = results::read(&inputs, settings, COUNTED, self.progress, run.control)?;
             Ok((inputs.len(), read.report))
         });
         match read {

@@ -6,6 +6,7 @@
 //! there would be more bins. Empty time takes no bin, so a single wrong time costs one bin, and a
 //! week without recordings none. The result depends on what was added, not on its order.
 
+use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
 /// The contents of a bin; the order in which bins are merged must not matter.
@@ -19,7 +20,7 @@ pub trait Pooled: Default {
 }
 
 /// The occupied bins.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct TimeBins<T> {
     /// Width of each bin, ns.
     pub width_ns: i64,
@@ -71,6 +72,17 @@ impl<T: Pooled> TimeBins<T> {
         self.bins = wider;
     }
 
+    /// Adds all that is in another one, as if it had been added here. `as_here`: makes a bin's contents those that
+    /// they are here.
+    pub fn absorb(&mut self, other: TimeBins<T>, as_here: impl Fn(T) -> T) {
+        while self.width_ns < other.width_ns {
+            self.coarsen();
+        }
+        for (key, bin) in other.bins {
+            self.at(key.saturating_mul(other.width_ns)).pool(as_here(bin));
+        }
+    }
+
     /// The bins' contents in the order of time.
     pub fn values(&self) -> impl Iterator<Item = &T> {
         self.bins.values()
@@ -105,6 +117,10 @@ mod tests {
         times.reverse();
         let back = fill(&times);
         assert_eq!(there.bins, back.bins);
+        // what two parts of the times give, put together, is the same
+        let [mut first, second] = [&times[..700], &times[700..]].map(fill);
+        first.absorb(second, |bin| bin);
+        assert_eq!(there, first);
         assert_eq!(there.values().map(|s| s.0).sum::<u64>(), 5003);
         assert!((32..=64).contains(&there.bins.len()), "{}", there.bins.len());
     }

@@ -2,10 +2,13 @@
 //! ([`ChannelCount`]), with what can be told from them: whether the channel is known, measured or
 //! doubtful now.
 //!
-//! In: the rows of the verdicts, which `survey` counts. Out: numbers, to most files of the report.
+//! In: the rows of the verdicts, which `recording_counts` counts, and `survey` adds up over recordings. Out: numbers,
+//! to most files of the report.
 
-use super::night::Span;
+use super::night::{Span, whole};
+use super::watch::BurstCounts;
 use inkling_core::verdict::Reason;
+use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
 /// Least number of signals of a channel from which it can be told that the channel fell silent. With fewer,
@@ -15,7 +18,7 @@ const SEVERAL: u64 = 4;
 const AGAIN: u64 = 3;
 
 /// Counts of the signals of one printhead in one recording.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Tally {
     pub judged: u64,
     pub flagged: u64,
@@ -43,51 +46,63 @@ impl Tally {
 }
 
 /// Counts of the signals of one channel over all recordings.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub struct ChannelCount {
     pub channel: u32,
     pub judged: u64,
     pub flagged: u64,
-    /// The channel's counts in the latest recording that holds it.
-    last: InRecording,
+    /// The latest recording that holds the channel, and its counts there; `None`: none has.
+    last: Option<(usize, InRecording)>,
     /// Index into the watches of its printhead; `None` if the channel had no episode.
     pub watch: Option<usize>,
 }
 
 /// Counts of one channel in one recording.
-#[derive(Clone, Copy, Debug, Default)]
-struct InRecording {
-    recording: usize,
-    /// Times of the channel's first and last signal in the recording.
-    from_ns: i64,
-    to_ns: i64,
-    judged: u64,
-    flagged: u64,
-    rejected: u64,
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct InRecording {
+    pub channel: u32,
+    /// From the channel's first to its last signal in the recording; `None`: its bursts have no time.
+    pub span: Option<Span>,
+    /// Of its signals that were judged.
+    pub bursts: BurstCounts,
+    /// Number of the others that have a time.
+    pub rejected: u64,
+}
+
+impl InRecording {
+    /// Counts one signal. `has_time`: whether `t_ns` is its time; an unusable burst may have any.
+    pub fn add(&mut self, t_ns: i64, has_time: bool, flagged: Option<bool>) {
+        if has_time {
+            self.span = whole(self.span.into_iter().chain([(t_ns, t_ns)]));
+            self.rejected += u64::from(flagged.is_none());
+        }
+        flagged.into_iter().for_each(|flagged| self.bursts.add(t_ns, flagged));
+    }
 }
 
 impl ChannelCount {
     /// A channel of which no signal was counted yet.
     pub fn new(channel: u32) -> ChannelCount {
-        let last = InRecording { from_ns: i64::MIN, ..InRecording::default() };
-        ChannelCount { channel, last, ..ChannelCount::default() }
+        ChannelCount { channel, ..ChannelCount::default() }
     }
 
     /// Index of the latest recording that holds the channel.
     pub fn latest(&self) -> usize {
-        self.last.recording
+        self.last.as_ref().map_or(0, |(recording, _)| *recording)
     }
 
     /// Whether at least half of the channel's signals were judged in the latest recording that holds it.
     pub fn is_known_now(&self) -> bool {
-        self.last.judged >= self.last.rejected
+        self.last.as_ref().is_none_or(|(_, last)| last.bursts.judged >= last.rejected)
     }
 
     /// Whether the channel is flagged again and again, but in no recording often enough for an episode.
     pub fn is_doubtful(&self) -> bool {
         // most of all its signals, or all of at least two in the latest recording
         let often = self.flagged >= AGAIN && 2 * self.flagged > self.judged;
-        let now = self.last.flagged >= 2 && self.last.flagged == self.last.judged;
+        let now = self.last.as_ref().is_some_and(|(_, last)| {
+            last.bursts.flagged >= 2 && last.bursts.flagged == last.bursts.judged
+        });
         !self.is_watched() && (often || now)
     }
 
@@ -95,25 +110,21 @@ impl ChannelCount {
     /// fall silent in the first half of its latest recording. `of_head`: counts of its printhead by
     /// recording, of whose span in that recording the half is meant.
     pub fn is_measured(&self, from_ns: i64, of_head: &BTreeMap<usize, Tally>) -> bool {
-        let InRecording { recording, to_ns, judged, rejected, .. } = self.last;
-        let span = of_head.get(&recording).and_then(|of| of.span);
+        let Some((recording, last)) = &self.last else { return false };
+        let Some((_, to_ns)) = last.span else { return false };
+        let span = of_head.get(recording).and_then(|of| of.span);
         let fell_silent = span.is_some_and(|(from, to)| to_ns - from < (to - from) / 2);
-        to_ns >= from_ns && !(fell_silent && judged + rejected >= SEVERAL)
+        to_ns >= from_ns && !(fell_silent && last.bursts.judged + last.rejected >= SEVERAL)
     }
 
-    /// Counts one signal for the latest recording. Recordings may come in any order: a recording
-    /// that begins later replaces what was counted, and the signals of an earlier one are ignored.
-    pub fn count_last(&mut self, recording: usize, t_ns: i64, is_judged: bool, flagged: bool) {
-        let is_new = recording != self.last.recording || self.last.judged + self.last.rejected == 0;
-        if is_new && t_ns >= self.last.from_ns {
-            self.last =
-                InRecording { recording, from_ns: t_ns, to_ns: t_ns, ..InRecording::default() };
-        }
-        if recording == self.last.recording {
-            self.last.to_ns = self.last.to_ns.max(t_ns);
-            self.last.judged += u64::from(is_judged);
-            self.last.flagged += u64::from(flagged);
-            self.last.rejected += u64::from(!is_judged);
+    /// Adds what the recording with this index holds of the channel. Recordings may come in any order.
+    pub fn absorb(&mut self, recording: usize, counts: InRecording) {
+        self.judged += counts.bursts.judged;
+        self.flagged += counts.bursts.flagged;
+        let began_ns = |of: &InRecording| of.span.map(|(from_ns, _)| from_ns);
+        let latest = self.last.as_ref().and_then(|(_, last)| began_ns(last));
+        if began_ns(&counts).is_some_and(|from_ns| latest.is_none_or(|latest| from_ns >= latest)) {
+            self.last = Some((recording, counts));
         }
     }
 

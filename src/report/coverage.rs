@@ -368,7 +368,7 @@ fn by_counts(printhead: Option<&str>, tally: &Tally) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::super::fixtures::{NAMELESS, verdicts};
+    use super::super::fixtures::{surveyed, verdicts};
     use super::*;
     use inkling_core::verdict::Outcome;
 
@@ -377,13 +377,14 @@ mod tests {
 
     /// The gaps of recordings with these names and rows.
     fn gaps_of(names: &[&str], rows: &[Looked]) -> Coverage {
-        let mut survey = Survey::new(vec![Vec::new(); names.len()], false);
+        let mut recordings = vec![Vec::new(); names.len()];
         for &(recording, t_ns, channel, reason) in rows {
             let outcome = if reason.is_some() { Outcome::Rejected } else { Outcome::Healthy };
             let mut columns = verdicts(t_ns, [(channel, outcome)]);
             columns.reason = vec![reason];
-            survey.add(recording, &columns, NAMELESS);
+            recordings[recording].push(columns);
         }
+        let survey = surveyed(&recordings);
         let source = |name: &&str| Source { name: (*name).to_owned(), ..Source::default() };
         Coverage::of(&survey, &names.iter().map(source).collect::<Vec<_>>(), Vec::new())
     }

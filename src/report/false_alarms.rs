@@ -80,21 +80,20 @@ fn promised(sources: &[Source]) -> Option<(f64, f64)> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::report::fixtures::{NAMELESS, verdicts};
+    use crate::report::fixtures::{surveyed, verdicts};
     use inkling_core::verdict::Outcome;
 
     #[test]
     fn channels_that_are_flagged_again_and_again_widen_the_interval() {
         let estimate = |flagged: &dyn Fn(u32, i64) -> bool| {
-            let mut survey = Survey::new(vec![Vec::new()], false);
-            for t in 0..1000i64 {
+            let burst = |t: i64| {
                 let outcome = |c| match flagged(c, t) {
                     true => Outcome::Undecided,
                     false => Outcome::Healthy,
                 };
-                survey.add(0, &verdicts(t, (0..40).map(|c| (c, outcome(c)))), NAMELESS);
-            }
-            FalseAlarms::of(&survey, &[])
+                verdicts(t, (0..40).map(|c| (c, outcome(c))))
+            };
+            FalseAlarms::of(&surveyed(&[(0..1000).map(burst).collect()]), &[])
         };
         let spread = estimate(&|c, t| (t + 17 * i64::from(c)) % 100 == 0);
         let one = estimate(&|c, t| c == 3 && t < 400);

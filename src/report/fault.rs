@@ -347,20 +347,16 @@ pub fn sort(faults: &mut [Fault]) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::report::fixtures::spell;
+    use crate::report::fixtures::{spell, watch_of};
     use crate::report::story::{Rates, stories};
     use crate::report::watch::{Flagged, Watch};
 
     #[test]
     fn what_a_channel_is_now_is_to_be_cleaned_and_what_it_was_is_its_past() {
-        let mut watch = Watch::new(vec![
-            spell(0, 10, Some(20), "dried_nozzle"),
-            spell(0, 80, None, "air_bubble"),
-        ]);
-        for t in 0..100 {
-            let flagged = (10..20).contains(&t) || t >= 80;
-            watch.add_burst(0, t, flagged.then(Flagged::default));
-        }
+        let spells = vec![spell(0, 10, Some(20), "dried_nozzle"), spell(0, 80, None, "air_bubble")];
+        let is_flagged = |t: i64| (10..20).contains(&t) || t >= 80;
+        let bursts = (0..100).map(|t| (0, t, is_flagged(t).then(Flagged::default)));
+        let watch = watch_of(spells, &bursts.collect::<Vec<_>>());
         let stories = stories(&watch, &Rates { false_alarms: 1e-3, ..Rates::default() });
         let mut faults = Fault::of_channel(stories, &ReportSettings::default());
         sort(&mut faults);

@@ -1,7 +1,8 @@
 //! What the tests of this room begin with: verdicts and episodes of a printhead `p`, written down by hand.
 
-use super::survey::Names;
-use super::watch::{BurstCounts, Spell};
+use super::recording_counts::{Names, RecordingCounts};
+use super::survey::Survey;
+use super::watch::{BurstCounts, Flagged, Spell, Watch, Watched};
 use inkling_core::episodes::Episode;
 use inkling_core::verdict::{Outcome, VerdictColumns};
 
@@ -42,4 +43,29 @@ pub fn spell(recording: usize, began: i64, ended: Option<i64>, category: &str) -
         ..Episode::default()
     };
     Spell { recording, episode, counts: BurstCounts::default() }
+}
+
+/// The survey of recordings without episodes: the verdicts of each.
+pub fn surveyed(recordings: &[Vec<VerdictColumns>]) -> Survey {
+    let mut survey = Survey::new(vec![Vec::new(); recordings.len()], false);
+    for (recording, verdicts) in recordings.iter().enumerate() {
+        let mut counts = RecordingCounts::new(&[], false);
+        verdicts.iter().for_each(|of| counts.add(of, NAMELESS));
+        survey.absorb(recording, counts);
+    }
+    survey
+}
+
+/// The watch of a channel with these episodes, of whose judged bursts each is in a recording at a time; flagged ones
+/// say something.
+pub fn watch_of(spells: Vec<Spell>, bursts: &[(usize, i64, Option<Flagged<'_>>)]) -> Watch {
+    let mut watch = Watch::new(spells.clone());
+    for recording in 0..=bursts.iter().map(|of| of.0).max().unwrap_or(0) {
+        let of_it = spells.iter().filter(|spell| spell.recording == recording);
+        let mut watched = Watched::new(of_it.map(|spell| &spell.episode).collect());
+        let here = bursts.iter().filter(|of| of.0 == recording);
+        here.for_each(|(_, t_ns, flagged)| watched.add_burst(*t_ns, *flagged));
+        watch.absorb(recording, &watched);
+    }
+    watch
 }

@@ -12,6 +12,7 @@
 
 use super::bins::{Pooled, TimeBins};
 use super::night::{Span, whole};
+use serde::{Deserialize, Serialize};
 
 /// Most rows of a map; where bursts would need more, rows become twice as long ([`TimeBins`]).
 const MOST_ROWS: usize = 360;
@@ -35,12 +36,30 @@ pub mod class {
 }
 
 /// A row of a map: the cells of one bin of time, by the index of the channel in the survey's list.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Cells {
     /// Times of the first and the last burst in the row.
     span: Option<Span>,
     /// The code of each channel.
+    #[serde(with = "runs")]
     shown: Vec<u8>,
+}
+
+/// Codes as runs of equal ones, since most channels are healthy: `[[code, how many], ...]`.
+mod runs {
+    use super::MOST_CELLS;
+    use serde::{Deserialize, Deserializer, Serialize, Serializer};
+
+    pub fn serialize<S: Serializer>(codes: &[u8], to: S) -> Result<S::Ok, S::Error> {
+        let runs = codes.chunk_by(|a, b| a == b).map(|run| (run[0], run.len()));
+        runs.collect::<Vec<_>>().serialize(to)
+    }
+
+    pub fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<Vec<u8>, D::Error> {
+        let runs = Vec::<(u8, usize)>::deserialize(from)?;
+        let codes = runs.iter().flat_map(|&(code, n)| std::iter::repeat_n(code, n));
+        Ok(codes.take(MOST_CELLS).collect())
+    }
 }
 
 impl Pooled for Cells {
@@ -55,6 +74,18 @@ impl Pooled for Cells {
 }
 
 impl Cells {
+    /// The cells of another list of channels and categories. `places`: the index there of each channel here; `codes`:
+    /// the code there of each category here.
+    pub fn placed(self, places: &[Option<usize>], codes: &[u8]) -> Cells {
+        let mut there = Cells { span: self.span, shown: Vec::new() };
+        for (code, place) in self.shown.into_iter().zip(places) {
+            let category = code.checked_sub(class::CATEGORY).map(usize::from);
+            let code = category.and_then(|of| codes.get(of)).copied().unwrap_or(code);
+            place.iter().for_each(|place| there.mark(*place, code));
+        }
+        there
+    }
+
     /// Puts a verdict's code into the cell of the channel with the index `place`, unless a larger one is
     /// there.
     pub fn mark(&mut self, place: usize, code: u8) {

@@ -7,8 +7,8 @@
 //! faults. The report never judges by itself: the episodes decide what is a fault.
 //!
 //! The steps, each in a file:
-//! 1. `clocks` puts times right that a wrong clock gave; `survey` reads the verdicts once: `counts`, a map of each printhead (`map`), and a `watch` of
-//!    each channel that had an episode.
+//! 1. `clocks` puts times right that a wrong clock gave; `recording_counts` reads the verdicts of a recording once, and `survey` adds
+//!    them up: `counts`, a map of each printhead (`map`), and a `watch` of each channel that had an episode.
 //! 2. `coverage` and `false_alarms` say what was judged, and how well.
 //! 3. `story` links the episodes of each channel into one story per fault; `naming` says until when its
 //!    signals carry its name, and `trend` whether the fault grows. `fault` makes an entry of the cleaning list of each story.
@@ -45,6 +45,7 @@ mod night;
 mod notes;
 mod page;
 mod promised;
+mod recording_counts;
 mod settings;
 mod source;
 mod story;
@@ -68,10 +69,11 @@ pub use maps::waterfalls;
 pub use night::{Span, whole};
 pub use page::html;
 pub use promised::print as print_promise;
+pub use recording_counts::{Names, RecordingCounts};
 pub use settings::ReportSettings;
 pub use source::{LostRecording, Source};
 pub use story::Story;
-pub use survey::{Names, Survey};
+pub use survey::Survey;
 pub use words::{Column, clock, columns, first_of, grouped, rfc3339, three_digits};
 
 use counts::Tally;

@@ -9,6 +9,7 @@
 //! it no longer. Below 1 in 20 the name is of the past.
 
 use super::bins::{Pooled, TimeBins};
+use serde::{Deserialize, Serialize};
 
 /// ln of the likelihood ratio beyond which signals carry the name no longer: 20 to 1, as for a cure.
 const GONE: f64 = 3.0;
@@ -16,7 +17,7 @@ const GONE: f64 = 3.0;
 const MOST_NAMED: f64 = 0.9;
 
 /// Flagged signals of some time.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Called {
     named: u64,
     others: u64,

@@ -347,7 +347,7 @@ fn explanation(of: &Episode) -> Option<String> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::fixtures::spell;
+    use super::super::fixtures::{spell, watch_of};
     use super::super::watch::{Flagged, Size};
     use super::*;
 
@@ -361,14 +361,9 @@ mod tests {
     /// A watch of recordings r of 20 bursts each, at the times 100 r, 100 r + 1, ...; flagged where `on` is
     /// true.
     fn watched(spells: Vec<Spell>, recordings: usize, on: impl Fn(i64) -> bool) -> Watch {
-        let mut watch = Watch::new(spells);
-        for r in 0..recordings {
-            for k in 0..20 {
-                let t = 100 * r as i64 + k;
-                watch.add_burst(r, t, on(t).then(Flagged::default));
-            }
-        }
-        watch
+        let times = (0..recordings).flat_map(|r| (0..20).map(move |k| (r, 100 * r as i64 + k)));
+        let burst = |(r, t): (usize, i64)| (r, t, on(t).then(Flagged::default));
+        watch_of(spells, &times.map(burst).collect::<Vec<_>>())
     }
 
     #[test]
@@ -408,7 +403,7 @@ mod tests {
         let mut spells: Vec<Spell> =
             (0..10).map(|r| spell(r, r as i64 * 24 * hour, None, "dried_nozzle")).collect();
         spells[5..].iter_mut().for_each(|of| of.episode.category = None);
-        let mut watch = Watch::new(spells);
+        let mut bursts = Vec::new();
         for r in 0..10 {
             for k in 0..20 {
                 let is_named = r < 5;
@@ -418,10 +413,10 @@ mod tests {
                     size: is_named.then_some(size),
                     distance: Some(2.0 + r as f64 + 0.01 * f64::from(k % 3)),
                 };
-                watch.add_burst(r, r as i64 * 24 * hour + i64::from(k) * 1_000_000, Some(signal));
+                bursts.push((r, r as i64 * 24 * hour + i64::from(k) * 1_000_000, Some(signal)));
             }
         }
-        let all = stories(&watch, &RATES());
+        let all = stories(&watch_of(spells, &bursts), &RATES());
         assert_eq!(all.len(), 1, "it was never gone");
         let s = &all[0];
         assert_eq!((s.severity_last, s.certainty), (None, None));

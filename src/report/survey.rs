@@ -1,32 +1,25 @@
-//! One pass over the verdicts of all recordings.
+//! The verdicts of all recordings, added up.
 //!
-//! In: the episodes of every recording (`Survey::new`), then the verdicts of each, batch by batch
-//! (`Survey::add`), in any order of recordings. Out: a `Survey` with a map of each printhead, counts
-//! of each printhead in each recording (`Tally`) and of each channel (`ChannelCount`), and a [`Watch`]
-//! of each channel that had an episode. Memory does not grow with bursts.
+//! In: the episodes of every recording (`Survey::new`), then the counts of each ([`Survey::absorb`]), in any order.
+//! Out: a `Survey` with a map of each printhead, counts of each printhead in each recording (`Tally`) and of each
+//! channel (`ChannelCount`), and a [`Watch`] of each channel that had an episode.
 //!
 //! The episodes come first, because they decide which channels are watched, and which printheads
-//! get a map. Then `Head::burst` looks at each row once. A row counts as judged unless it was
-//! rejected, or the head changed or its channel froze, and as flagged if it was judged and not
-//! healthy.
+//! get a map.
 
 use super::counts::{ChannelCount, Tally};
-use super::map::{HeadMap, Picture, class};
-use super::night::whole;
-use super::watch::{Flagged, Size, Spell, Watch};
+use super::map::{HeadMap, Picture};
+use super::recording_counts::{
+    HeadCounts, KNOWN_CATEGORIES, MOST_CHANNELS, MOST_PRINTHEADS, RecordingCounts, code,
+};
+use super::watch::{Spell, Watch};
 use inkling_core::episodes::Episode;
-use inkling_core::fault;
-use inkling_core::verdict::{Outcome, Reason, VerdictColumns};
 use std::collections::{BTreeMap, HashMap};
-use std::ops::Range;
 use std::sync::Arc;
 
 /// Number of printheads that get a map, those with the most faulty channels first.
 const MOST_MAPS: usize = 24;
-/// Most channels of a printhead that are counted one by one; rows of further channels are left out.
-const MOST_CHANNELS: usize = 1 << 16;
-/// Most printheads that are counted one by one; rows of further printheads are left out.
-const MOST_PRINTHEADS: usize = 1 << 12;
+
 /// One printhead over all recordings.
 #[derive(Clone, Debug, Default)]
 pub struct Head {
@@ -35,7 +28,8 @@ pub struct Head {
     /// Index into `channels`, by channel number.
     pub(super) places: HashMap<u32, usize>,
     pub watches: Vec<Watch>,
-    /// The map of the printhead; `None` if it is beyond the number of printheads that are drawn.
+    /// The map of the printhead; `None` if it is beyond the number of printheads that are drawn, here or in one of
+    /// the recordings.
     pub map: Option<HeadMap>,
     /// Counts by recording.
     pub tallies: BTreeMap<usize, Tally>,
@@ -49,25 +43,15 @@ pub struct Survey {
     by_name: HashMap<Arc<str>, usize>,
     /// `KNOWN_CATEGORIES`, then others in the order in which they are met.
     pub categories: Vec<String>,
-    /// Number of rows beyond `MOST_PRINTHEADS` and `MOST_CHANNELS`, by recording. Nothing else counts them.
+    /// Number of signals that are not counted one by one, as they are of too many printheads or channels, by recording.
+    /// Nothing else counts them.
     pub left_out: BTreeMap<usize, u64>,
     /// Number of printheads that get a map; 0 if only counts and stories are wanted.
     maps: usize,
 }
 
-/// The names to which the indices in a recording's columns refer.
-#[derive(Clone, Copy, Debug)]
-pub struct Names<'a> {
-    pub classes: &'a [String],
-    pub categories: &'a [String],
-}
-
-/// The categories of the thesis's fault classes. Those of own classes come after them.
-const KNOWN_CATEGORIES: [&str; 4] =
-    ["dried_nozzle", "blocked_nozzle", "air_bubble", "empty_channel"];
-
 impl Survey {
-    /// A survey that knows the episodes, by the recording's index, but no verdicts yet.
+    /// A survey that knows the episodes, by the recording's index, but no counts yet.
     pub fn new(episodes: Vec<Vec<Episode>>, with_maps: bool) -> Survey {
         let mut of_head: BTreeMap<Arc<str>, BTreeMap<u32, Vec<Spell>>> = BTreeMap::new();
         for (recording, episodes) in episodes.into_iter().enumerate() {
@@ -92,7 +76,7 @@ impl Survey {
             let Some(at) = survey.head(&name) else { continue };
             for (channel, spells) in channels {
                 let head = &mut survey.heads[at];
-                if let Some(place) = head.place(channel, 0) {
+                if let Some(place) = head.place(channel) {
                     head.channels[place].watch = Some(head.watches.len());
                     head.watches.push(Watch::new(spells));
                 }
@@ -121,37 +105,20 @@ impl Survey {
         self.heads.iter().filter(|head| !head.tallies.is_empty())
     }
 
-    /// Adds one batch of the verdicts of the recording with this index.
-    pub fn add(&mut self, recording: usize, c: &VerdictColumns, names: Names) {
-        let codes: Vec<u8> = names.categories.iter().map(|name| self.code(name)).collect();
-        let heads: Vec<Option<usize>> = c.printheads.iter().map(|name| self.head(name)).collect();
-
-        // Rows of one printhead and time follow each other: each such run is one burst.
-        let mut from = 0;
-        while from < c.len() {
-            let (head, t_ns) = (c.printhead[from], c.acquired_at_ns[from]);
-            let same = |row: &usize| c.printhead[*row] == head && c.acquired_at_ns[*row] == t_ns;
-            let to = from + (from..c.len()).take_while(same).count();
-            let left_out = match heads.get(head as usize).copied().flatten() {
-                Some(at) => self.heads[at].burst(recording, c, from..to, names, &codes),
-                None => (to - from) as u64,
-            };
-            if left_out > 0 {
-                *self.left_out.entry(recording).or_default() += left_out;
+    /// Adds what the recording with this index holds.
+    pub fn absorb(&mut self, recording: usize, counts: RecordingCounts) {
+        let RecordingCounts { heads, categories, mut left_out, .. } = counts;
+        let code = |name: &String| code(&mut self.categories, name);
+        let codes: Vec<u8> = categories.iter().map(code).collect();
+        for of_head in heads {
+            match self.head(&of_head.name) {
+                Some(at) => self.heads[at].absorb(recording, of_head, &codes),
+                None => left_out += of_head.tally.signals(),
             }
-            from = to;
         }
-    }
-
-    /// The code of a category, which is new or known. Categories beyond the number of colours share the last
-    /// one.
-    fn code(&mut self, category: &str) -> u8 {
-        let known = self.categories.iter().position(|c| c == category);
-        let at = known.unwrap_or_else(|| {
-            self.categories.push(category.to_owned());
-            self.categories.len() - 1
-        });
-        class::CATEGORY + at.min(usize::from(class::CATEGORIES) - 1) as u8
+        if left_out > 0 {
+            *self.left_out.entry(recording).or_default() += left_out;
+        }
     }
 
     /// The index of a printhead, which is added if it is new; `None` if there are too many printheads.
@@ -197,11 +164,8 @@ impl Head {
     }
 
     /// The index of a channel in `channels`, which is added if it is new; `None` if there are too many
-    /// channels. `guess`: an index to try first, which saves the look-up.
-    fn place(&mut self, channel: u32, guess: usize) -> Option<usize> {
-        if self.channels.get(guess).is_some_and(|c| c.channel == channel) {
-            return Some(guess);
-        }
+    /// channels.
+    fn place(&mut self, channel: u32) -> Option<usize> {
         if let Some(&place) = self.places.get(&channel) {
             return Some(place);
         }
@@ -217,116 +181,106 @@ impl Head {
         Some(place)
     }
 
-    /// Adds the rows of one burst to the printhead's counts, map, channels and watches. Returns how many
-    /// rows are left out, because there are too many channels.
-    fn burst(
-        &mut self,
-        recording: usize,
-        c: &VerdictColumns,
-        rows: Range<usize>,
-        names: Names,
-        codes: &[u8],
-    ) -> u64 {
-        let t_ns = c.acquired_at_ns[rows.start];
-        let (mut left_out, mut has_time) = (0, false);
-        // Places come first, because a new channel may coarsen the map that `cells` borrows below.
-        let mut guess = 0;
-        let place = |channel: &u32| {
-            let place = self.place(*channel, guess);
-            guess = place.map_or(0, |place| place + 1);
-            place
-        };
-        let places: Vec<Option<usize>> = c.channel[rows.clone()].iter().map(place).collect();
-
-        let tally = self.tallies.entry(recording).or_default();
-        let mut cells = self.map.as_mut().map(|map| map.row(t_ns));
-        for (row, place) in rows.zip(places) {
-            let Some(place) = place else {
-                left_out += 1;
-                continue;
-            };
-            let outcome = c.outcome[row];
-            // `replay` writes no undecided rows with a reason of the whole printhead; they are not judged
-            let of_head = c.reason[row].is_some_and(Reason::is_of_head);
-            let is_judged = outcome != Outcome::Rejected && !of_head;
-            let flagged = is_judged && outcome != Outcome::Healthy;
-            tally.judged += u64::from(is_judged);
-            tally.flagged += u64::from(flagged);
-            tally.rejected += u64::from(!is_judged);
-            let why = c.reason[row].filter(|_| !is_judged);
-            why.into_iter().for_each(|why| *tally.reasons.entry(why).or_default() += 1);
-            if let Some(cells) = &mut cells {
-                cells.mark(place, shown(c, row, codes));
-            }
-            // an unusable burst may have any time
-            if !why.is_some_and(Reason::is_of_burst) {
-                has_time = true;
-                self.channels[place].count_last(recording, t_ns, is_judged, flagged);
-            }
-            if !is_judged {
-                continue;
-            }
-
-            // what only judged rows count for
-            let channel = c.channel[row];
-            let [least, most] = tally.channels.unwrap_or([channel; 2]);
-            tally.channels = Some([least.min(channel), most.max(channel)]);
-            let count = &mut self.channels[place];
-            count.judged += 1;
-            count.flagged += u64::from(flagged);
-            if let Some(watch) = count.watch.and_then(|at| self.watches.get_mut(at)) {
-                watch.add_burst(recording, t_ns, flagged.then(|| said(c, row, names)));
-            }
+    /// Adds what a recording holds of the printhead. `codes`: here, of the recording's categories.
+    fn absorb(&mut self, recording: usize, counts: HeadCounts, codes: &[u8]) {
+        let HeadCounts { tally, channels, watched, map, .. } = counts;
+        let places: Vec<Option<usize>> = channels.iter().map(|of| self.place(of.channel)).collect();
+        self.map = self.map.take().zip(map).map(|(mut all, map)| {
+            all.absorb(map, |cells| cells.placed(&places, codes));
+            all
+        });
+        if tally != Tally::default() {
+            self.tallies.insert(recording, tally);
         }
-        let of_burst = has_time.then_some((t_ns, t_ns));
-        tally.span = whole(tally.span.into_iter().chain(of_burst));
-        left_out
-    }
-}
-
-/// What a flagged row says: a category where that is certain, and then the severity; and the distance from
-/// healthy, in distances of the threshold, which is the root of statistic / threshold, as a statistic is the
-/// square of a distance.
-fn said<'a>(c: &VerdictColumns, row: usize, names: Names<'a>) -> Flagged<'a> {
-    let class = c.candidate[row].and_then(|k| names.classes.get(usize::from(k)));
-    let size = |(class, severity): (&'a String, f32)| Size {
-        quantity: fault::quantity(class),
-        size: severity.into(),
-    };
-    let is_named = c.outcome[row] == Outcome::Faulty;
-    let category = c.category[row].and_then(|k| names.categories.get(usize::from(k)));
-    let over = c.statistic[row].zip(c.threshold[row]).map(|(s, t)| f64::from(s / t).sqrt());
-    Flagged {
-        category: category.filter(|_| is_named).map(String::as_str),
-        size: class.zip(c.severity[row]).filter(|_| is_named).map(size),
-        distance: over.filter(|_| c.reason[row] != Some(Reason::NoRing)),
-    }
-}
-
-/// The code of a row on the map.
-fn shown(c: &VerdictColumns, row: usize, codes: &[u8]) -> u8 {
-    let named = || c.category[row].and_then(|k| codes.get(usize::from(k))).copied();
-    match c.outcome[row] {
-        Outcome::Healthy => class::HEALTHY,
-        Outcome::Rejected => class::REJECTED,
-        Outcome::Undecided => class::FLAGGED,
-        Outcome::Faulty => named().unwrap_or(class::FLAGGED),
+        for (counts, place) in channels.into_iter().zip(places) {
+            let Some(place) = place else { continue };
+            let count = &mut self.channels[place];
+            match (
+                count.watch.and_then(|at| self.watches.get_mut(at)),
+                watched.get(&counts.channel),
+            ) {
+                (Some(watch), Some(watched)) => watch.absorb(recording, watched),
+                (Some(watch), None) => watch.absorb_outside(&counts.bursts),
+                (None, _) => {}
+            }
+            count.absorb(recording, counts);
+        }
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::super::fixtures::{NAMELESS, verdicts};
+    use super::super::fixtures::{NAMELESS, spell, verdicts};
+    use super::super::map::class;
     use super::*;
+    use inkling_core::verdict::Outcome;
+
+    const NIGHT: i64 = 86_400_000_000_000;
+
+    /// The counts of a night of 200 bursts, the channels of which are in another order each night. Channel 7 is
+    /// flagged in the second half of it.
+    fn night(number: i64, episodes: &[Episode]) -> RecordingCounts {
+        let mut counts = RecordingCounts::new(episodes, true);
+        for t in 0..200 {
+            let outcome = |channel: u32| match channel == 7 && t >= 100 {
+                true => Outcome::Undecided,
+                false => Outcome::Healthy,
+            };
+            let channels = (0..12).map(|k| (k + 3 * number as u32) % 12);
+            let burst = verdicts(
+                number * NIGHT + t * 1_000_000_000,
+                channels.map(|channel| (channel, outcome(channel))),
+            );
+            counts.add(&burst, NAMELESS);
+        }
+        counts
+    }
 
     #[test]
-    fn rows_of_channels_beyond_the_limit_are_counted_as_left_out_alone() {
-        let n = MOST_CHANNELS + 3;
-        let columns = verdicts(0, (0..n as u32).map(|channel| (channel, Outcome::Healthy)));
-        let mut survey = Survey::new(vec![Vec::new(); 2], false);
-        survey.add(1, &columns, NAMELESS);
-        let tally = &survey.heads[0].tallies[&1];
-        assert_eq!((tally.judged, tally.rejected), (MOST_CHANNELS as u64, 0));
-        assert_eq!(survey.left_out, BTreeMap::from([(1, 3)]));
+    fn counts_that_were_kept_add_up_to_the_same_in_any_order() {
+        let episode = |number: i64| {
+            let began_ns = number * NIGHT + 100_000_000_000;
+            spell(number as usize, began_ns, None, "dried_nozzle").episode
+        };
+        // the channel is watched in the second night, too, in which it has no episode
+        let of_nights = [vec![episode(0)], Vec::new(), vec![episode(2)]];
+        let surveyed = |order: [usize; 3], kept: bool| {
+            let mut survey = Survey::new(of_nights.to_vec(), true);
+            for number in order {
+                let mut counts = night(number as i64, &of_nights[number]);
+                if kept {
+                    let text = serde_json::to_string(&counts).unwrap();
+                    counts = serde_json::from_str(&text).unwrap();
+                }
+                survey.absorb(number, counts);
+            }
+            survey
+        };
+        let first = surveyed([0, 1, 2], false);
+        let [head] = &first.heads[..] else { panic!("{:?}", first.heads) };
+        let watch = &head.watches[0];
+        let within: Vec<u64> = watch.spells.iter().map(|of| of.counts.flagged).collect();
+        let outside: Vec<_> = watch.outside.iter().map(|of| (of.judged, of.flagged)).collect();
+        assert_eq!(within, [100, 100]);
+        assert_eq!(outside, [(100, 0), (300, 100), (0, 0)], "the second night lies between them");
+        let picture = head.picture().unwrap();
+        let column = picture.column_of(7);
+        let flagged = |line: usize, at: usize| picture.pixels[line * 12 + at] == class::FLAGGED;
+        let night = picture.line_of(NIGHT + 150_000_000_000);
+        assert!((0..12).all(|at| flagged(night, at) == (at == column)));
+
+        for (order, kept) in [([0, 1, 2], true), ([2, 0, 1], true), ([1, 2, 0], false)] {
+            let survey = surveyed(order, kept);
+            let head_of = |survey: &Survey| {
+                let head = &survey.heads[0];
+                let watch = &head.watches[0];
+                let mut channels: Vec<String> =
+                    head.channels.iter().map(|of| format!("{of:?}")).collect();
+                channels.sort();
+                let counts: Vec<_> = watch.spells.iter().map(|of| of.counts.clone()).collect();
+                (head.tallies.clone(), channels, counts, watch.outside.clone(), head.picture())
+            };
+            assert_eq!(format!("{:?}", head_of(&survey)), format!("{:?}", head_of(&first)));
+        }
     }
 }

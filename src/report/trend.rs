@@ -27,6 +27,7 @@ use super::bins::{Pooled, TimeBins};
 use super::night::PAUSE_NS;
 use inkling_core::model::normal::normal_quantile;
 use inkling_core::model::student::student_quantile;
+use serde::{Deserialize, Serialize};
 
 /// Of fewer bins of one night the correlation cannot be estimated.
 const LEAST_BINS: usize = 8;
@@ -40,7 +41,7 @@ const MOST_CORRELATION: f64 = 0.95;
 const DAY_NS: f64 = 86_400e9;
 
 /// The contents of one bin: sums over its signals, from which mean and variance follow.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Severities {
     /// Number of signals with a size, the sum of their sizes, and the sum of the squares of these.
     pub n: f64,

@@ -1,22 +1,25 @@
 //! Counts over the bursts of a channel that had an episode: how often it was flagged in its
 //! episodes and between them, and how severe its faults were over time.
 //!
-//! In: the episodes of a channel, then from `survey` its judged bursts one by one (`Watch::add_burst`),
-//! from recordings in any order. Out: a `Watch`, from which [`super::story`] decides which episodes
-//! are of one fault, and which `false_alarms` counts over. A burst holds one signal of the channel,
-//! so bursts and signals are the same number here.
+//! In: the episodes of a channel in one recording, then from `recording_counts` its judged bursts there one by one
+//! ([`Watched::add_burst`]). Out: a [`Watched`]; and over all recordings, in any order, a [`Watch`], from which
+//! [`super::story`] decides which episodes are of one fault, and which `false_alarms` counts over. A burst holds one
+//! signal of the channel, so bursts and signals are the same number here.
 
 use super::naming::Calls;
 use super::trend::Course;
 use inkling_core::episodes::Episode;
 use inkling_core::fault;
+use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
 /// Counts of a channel's judged bursts over some time.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct BurstCounts {
     pub judged: u64,
     pub flagged: u64,
+    /// t_a of the first burst.
+    pub first_ns: Option<i64>,
     /// t_a of the first burst that was not flagged.
     pub first_quiet_ns: Option<i64>,
     /// t_a of the last burst that was flagged.
@@ -27,6 +30,7 @@ impl BurstCounts {
     /// Counts one judged burst. `t_ns`: its t_a.
     pub fn add(&mut self, t_ns: i64, flagged: bool) {
         self.judged += 1;
+        self.first_ns = self.first_ns.into_iter().chain([t_ns]).min();
         if flagged {
             self.flagged += 1;
             self.last_flagged_ns = self.last_flagged_ns.max(Some(t_ns));
@@ -39,6 +43,7 @@ impl BurstCounts {
     pub fn absorb(&mut self, other: &BurstCounts) {
         self.judged += other.judged;
         self.flagged += other.flagged;
+        self.first_ns = self.first_ns.into_iter().chain(other.first_ns).min();
         self.first_quiet_ns = self.first_quiet_ns.into_iter().chain(other.first_quiet_ns).min();
         self.last_flagged_ns = self.last_flagged_ns.max(other.last_flagged_ns);
     }
@@ -77,75 +82,152 @@ pub struct Flagged<'a> {
     pub distance: Option<f64>,
 }
 
-/// A channel's episodes in the order of their onsets, and counts of its bursts in and outside of them.
-#[derive(Clone, Debug)]
-pub struct Watch {
-    pub spells: Vec<Spell>,
+/// Most quantities that are followed for a channel, and most categories; each own class may have one.
+const MOST_FOLLOWED: usize = 16;
+
+/// What a channel's judged bursts in one recording, in which it had episodes, say of these.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Watched {
+    /// Onset and end of each episode, in the order of onsets; `None`: it is on to the end.
+    episodes: Vec<(i64, Option<i64>)>,
+    /// Counts in each episode.
+    within: Vec<BurstCounts>,
     /// Counts outside of episodes: `outside[k]` holds the bursts after the onsets of k episodes.
-    pub outside: Vec<BurstCounts>,
-    /// Names of the flagged bursts in episodes over time, by the categories of the episodes.
+    outside: Vec<BurstCounts>,
+    /// Names and sizes of the flagged bursts in episodes.
+    said: Said,
+}
+
+/// What flagged bursts in episodes say over time.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+struct Said {
+    /// Which of them are named by a category, for each one met.
     calls: BTreeMap<String, Calls>,
-    /// Severities of the flagged bursts in episodes over time, by the quantity that they measure. A
-    /// flagged burst without a size in a quantity counts there as missed.
+    /// All of them as not named: what the calls of a new category begin with.
+    unnamed: Calls,
+    /// Their severities, by the quantity that they measure. A burst without a size in a quantity counts there as
+    /// missed.
     courses: BTreeMap<String, Course>,
-    /// All flagged bursts in episodes as missed: what the course of a new quantity begins with.
+    /// All of them as missed: what the course of a new quantity begins with.
     missed: Course,
 }
 
-/// Most quantities that are followed for a channel; each own class has one.
-const MOST_QUANTITIES: usize = 16;
-
-impl Watch {
-    /// A watch of the episodes of one channel, without any bursts yet.
-    pub fn new(mut spells: Vec<Spell>) -> Watch {
-        spells.sort_by(|a, b| {
-            let key = |s: &Spell| (s.episode.began_at_ns, s.recording, s.episode.raised_at_ns);
-            key(a).cmp(&key(b))
-        });
-        let outside = vec![BurstCounts::default(); spells.len() + 1];
-        let categories = spells.iter().filter_map(|spell| spell.episode.category.clone());
-        let calls = categories.map(|category| (category, Calls::default())).collect();
-        Watch { spells, outside, calls, courses: BTreeMap::new(), missed: Course::default() }
+/// What is followed under a name, which begins with `before` if it is new and there is room for it.
+fn followed<'a, T: Clone>(
+    all: &'a mut BTreeMap<String, T>,
+    name: &str,
+    before: &T,
+) -> Option<&'a mut T> {
+    if !all.contains_key(name) && all.len() < MOST_FOLLOWED {
+        all.insert(name.to_owned(), before.clone());
     }
+    all.get_mut(name)
+}
 
-    /// Counts one judged burst of a recording, for the episode that it lies in or else for the time
-    /// between episodes. `flagged`: what it says; `None`: it looks healthy.
-    pub fn add_burst(&mut self, recording: usize, t_ns: i64, flagged: Option<Flagged<'_>>) {
-        let before = self.spells.partition_point(|s| s.episode.began_at_ns <= t_ns);
-        let within = |s: &&mut Spell| {
-            s.recording == recording && s.episode.ended_at_ns.is_none_or(|end| t_ns < end)
-        };
-        // Of the recording's episodes the one that began last: earlier ones have ended.
-        let Some(spell) = self.spells[..before].iter_mut().rev().find(within) else {
-            return self.outside[before].add(t_ns, flagged.is_some());
-        };
-        spell.counts.add(t_ns, flagged.is_some());
-        let Some(Flagged { category, size, distance }) = flagged else { return };
-        for (of, calls) in &mut self.calls {
-            calls.add(t_ns, category == Some(of.as_str()));
-        }
+impl Said {
+    fn add(&mut self, t_ns: i64, Flagged { category, size, distance }: Flagged<'_>) {
+        let named = category.and_then(|of| followed(&mut self.calls, of, &self.unnamed));
+        named.into_iter().for_each(|calls| calls.add(t_ns, true));
+        let others = self.calls.iter_mut().filter(|(of, _)| category != Some(of.as_str()));
+        others.for_each(|(_, calls)| calls.add(t_ns, false));
+        self.unnamed.add(t_ns, false);
 
-        // A flagged burst without a size in some quantity is counted there, since `trend` corrects
-        // for such bursts. A quantity beyond the limit is not followed.
+        // a flagged burst without a size in some quantity is counted there, since `trend` corrects for such bursts
         let distance = distance.map(|size| Size { quantity: DISTANCE, size });
         let sizes = [size, distance];
         let is_measured = |of: &str| sizes.iter().flatten().any(|size| size.quantity == of);
         let others = self.courses.iter_mut().filter(|(of, _)| !is_measured(of));
         others.for_each(|(_, course)| course.miss(t_ns));
         for Size { quantity, size } in sizes.into_iter().flatten() {
-            if !self.courses.contains_key(quantity) && self.courses.len() < MOST_QUANTITIES {
-                self.courses.insert(quantity.to_owned(), self.missed.clone());
-            }
-            if let Some(course) = self.courses.get_mut(quantity) {
-                course.add(t_ns, size);
-            }
+            let course = followed(&mut self.courses, quantity, &self.missed);
+            course.into_iter().for_each(|course| course.add(t_ns, size));
         }
         self.missed.miss(t_ns);
     }
 
-    /// Which flagged bursts are named by `category`; `None` if no episode is.
+    /// Adds what others say. What only one of both follows is in the other as not named, or as missed.
+    fn absorb(&mut self, other: &Said) {
+        other.calls.keys().for_each(|of| {
+            followed(&mut self.calls, of, &self.unnamed);
+        });
+        for (of, calls) in &mut self.calls {
+            calls.absorb(other.calls.get(of).unwrap_or(&other.unnamed).clone(), |bin| bin);
+        }
+        self.unnamed.absorb(other.unnamed.clone(), |bin| bin);
+        other.courses.keys().for_each(|of| {
+            followed(&mut self.courses, of, &self.missed);
+        });
+        for (of, course) in &mut self.courses {
+            course.absorb(other.courses.get(of).unwrap_or(&other.missed).clone(), |bin| bin);
+        }
+        self.missed.absorb(other.missed.clone(), |bin| bin);
+    }
+}
+
+impl Watched {
+    /// The episodes of one channel in one recording, without any bursts yet.
+    pub fn new(mut episodes: Vec<&Episode>) -> Watched {
+        episodes.sort_by_key(|of| (of.began_at_ns, of.raised_at_ns));
+        let n = episodes.len();
+        Watched {
+            episodes: episodes.iter().map(|of| (of.began_at_ns, of.ended_at_ns)).collect(),
+            within: vec![BurstCounts::default(); n],
+            outside: vec![BurstCounts::default(); n + 1],
+            ..Watched::default()
+        }
+    }
+
+    /// Counts one judged burst, for the episode that it lies in or else for the time between episodes. `flagged`:
+    /// what it says; `None`: it looks healthy.
+    pub fn add_burst(&mut self, t_ns: i64, flagged: Option<Flagged<'_>>) {
+        let before = self.episodes.partition_point(|(began_ns, _)| *began_ns <= t_ns);
+        // of the episodes the one that began last: earlier ones have ended
+        let is_on = |(_, ended_ns): &(i64, Option<i64>)| ended_ns.is_none_or(|end| t_ns < end);
+        let Some(at) = self.episodes[..before].iter().rposition(is_on) else {
+            return self.outside[before].add(t_ns, flagged.is_some());
+        };
+        self.within[at].add(t_ns, flagged.is_some());
+        flagged.into_iter().for_each(|flagged| self.said.add(t_ns, flagged));
+    }
+}
+
+/// A channel's episodes over all recordings in the order of their onsets, and what its bursts in and outside of them
+/// say.
+#[derive(Clone, Debug)]
+pub struct Watch {
+    pub spells: Vec<Spell>,
+    /// Counts outside of episodes: `outside[k]` holds the bursts after the onsets of k episodes.
+    pub outside: Vec<BurstCounts>,
+    said: Said,
+}
+
+impl Watch {
+    /// A watch of the episodes of one channel, without any bursts yet.
+    pub fn new(mut spells: Vec<Spell>) -> Watch {
+        spells.sort_by_key(|s| (s.episode.began_at_ns, s.recording, s.episode.raised_at_ns));
+        let outside = vec![BurstCounts::default(); spells.len() + 1];
+        Watch { spells, outside, said: Said::default() }
+    }
+
+    /// Adds what the recording with this index, in which the channel had episodes, says. Where another recording of
+    /// the same time has episodes, too, bursts outside of episodes count as those of the time at which they begin.
+    pub fn absorb(&mut self, recording: usize, watched: &Watched) {
+        let of_it = self.spells.iter_mut().filter(|spell| spell.recording == recording);
+        of_it.zip(&watched.within).for_each(|(spell, counts)| spell.counts.absorb(counts));
+        watched.outside.iter().for_each(|counts| self.absorb_outside(counts));
+        self.said.absorb(&watched.said);
+    }
+
+    /// Adds bursts outside of episodes.
+    pub fn absorb_outside(&mut self, counts: &BurstCounts) {
+        let Some(first_ns) = counts.first_ns else { return };
+        let before = self.spells.partition_point(|of| of.episode.began_at_ns <= first_ns);
+        self.outside[before].absorb(counts);
+    }
+
+    /// Which flagged bursts in episodes are named by `category`; `None` if none is.
     pub fn calls(&self, category: &str) -> Option<&Calls> {
-        self.calls.get(category)
+        self.said.calls.get(category)
     }
 
     /// The watches of the channel before `at_ns`, when it was replaced, and since then, as far as each has episodes. An
@@ -177,7 +259,7 @@ impl Watch {
 
     /// The severities over time that are measured in `quantity`; `None` if there are none.
     pub fn course(&self, quantity: &str) -> Option<&Course> {
-        self.courses.get(quantity)
+        self.said.courses.get(quantity)
     }
 }
 

@@ -10,7 +10,6 @@ use super::channel::Channel;
 use super::episode_draft::EpisodeDraft;
 use super::explanation::{self, Instead};
 use super::rules::Rules;
-use crate::verdict::Appearance;
 use std::sync::Arc;
 
 impl Channel {
@@ -70,7 +69,7 @@ impl Channel {
         let mut episode = Episode {
             printhead: printhead.clone(),
             channel: self.number,
-            reason: category.is_none().then(|| draft.commonest_reason(of_no_class)),
+            reason: category.is_none().then(|| draft.why_unnamed(of_no_class)),
             category,
             fault: class.map(|class| class.name.clone()),
             raised_at_ns: draft.raised_at_ns,
@@ -103,9 +102,7 @@ impl Channel {
 
 fn instead(draft: &EpisodeDraft, of_no_class: bool) -> Instead<'_> {
     match &draft.appearance {
-        appearance if of_no_class => {
-            Instead::NoClass(appearance.as_ref().unwrap_or(&Appearance::Other))
-        }
+        _ if of_no_class => Instead::NoClass(draft.looks_like()),
         Some(appearance) if 2 * draft.as_well > draft.named => Instead::OrThis(appearance),
         _ => Instead::Nothing,
     }

@@ -116,12 +116,21 @@ impl EpisodeDraft {
         (self.classes.weights.clone(), of_no_class)
     }
 
-    /// The commonest reason why signals have no name. `fits_none`: of those that say that.
-    pub fn commonest_reason(&self, fits_none: bool) -> Reason {
-        let is_asked =
-            |reason: &Reason| !fits_none || matches!(reason, Reason::UnknownFault | Reason::NoRing);
+    /// Why the episode has no name: the commonest reason of its signals. `of_no_class`: of those that fit no class;
+    /// where each signal alone is uncertain, and only all together are of no class, that is the reason.
+    pub fn why_unnamed(&self, of_no_class: bool) -> Reason {
+        let is_asked = |reason: &Reason| {
+            !of_no_class || matches!(reason, Reason::UnknownFault | Reason::NoRing)
+        };
         let asked = self.reasons.iter().filter(|(reason, _)| is_asked(reason));
-        asked.max_by_key(|(_, n)| **n).map_or(Reason::Uncertain, |(reason, _)| *reason)
+        let of_all = if of_no_class { Reason::UnknownFault } else { Reason::Uncertain };
+        asked.max_by_key(|(_, n)| **n).map_or(of_all, |(reason, _)| *reason)
+    }
+
+    /// What the signals look like where they are of no class.
+    pub fn looks_like(&self) -> &Appearance {
+        let unsaid = if self.has_ring { &Appearance::OtherRing } else { &Appearance::Other };
+        self.appearance.as_ref().unwrap_or(unsaid)
     }
 }
 
@@ -204,6 +213,22 @@ mod tests {
         assert!(!of_no_class && weights[2] > 0.95, "{weights:?}");
         assert!(after(60, 115).1, "most are of no class");
         assert!(!after(20, 0).1);
+    }
+
+    #[test]
+    fn signals_that_are_of_no_class_only_together_are_told_as_such() {
+        let rules = rules();
+        let uncertain = IsolatedSignal {
+            weights: vec![0.02, 0.05, 0.2],
+            reason: Some(Reason::Uncertain),
+            ..IsolatedSignal::default()
+        };
+        let mut draft = EpisodeDraft::new(&rules);
+        (0..40).for_each(|_| draft.add(&uncertain, &rules));
+        let (_, of_no_class) = draft.weights();
+        assert!(of_no_class);
+        assert_eq!(draft.why_unnamed(of_no_class), Reason::UnknownFault);
+        assert_eq!(draft.looks_like(), &Appearance::OtherRing);
     }
 
     #[test]
