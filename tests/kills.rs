@@ -49,7 +49,7 @@ fn killed_anywhere_and_resumed_is_the_same_as_undisturbed() {
     let states = reach(&house, &mut start(&house, &format!("replay {ARGS}")), usize::MAX);
     let undisturbed = started.elapsed();
     let (reference, own) = (results(&house), house.read("own.json"));
-    assert_eq!(reference.len(), 10);
+    assert_eq!(reference.len(), 13);
     let mut random = ChaCha8Rng::seed_from_u64(16);
     let mut resumed_in_the_middle = 0;
     for kill in 0..KILLS {

@@ -1,7 +1,7 @@
 //! `inkling report` over fifteen days of a simulated print run: six faulty channels are six lines with their onsets.
 
 use crate::by_hand::START_S;
-use crate::house::{House, shipped};
+use crate::house::{House, root, shipped};
 use crate::recipes::is_inert;
 use crate::recorded::{batches, bursts, cells, texts};
 use crate::several::fault;
@@ -108,6 +108,30 @@ fn first_seen(from_s: i64) -> i64 {
         within if within < RECORDING_S / 2 => burst,
         _ => (burst / RECORDING_S + 1) * RECORDING_S,
     }
+}
+
+#[test]
+fn counts_of_other_verdicts_or_damaged_ones_are_made_anew() {
+    let house = House::new();
+    let all = bursts(&root().join("sample_logs/print_run.mcap"));
+    house.record("rec/a.mcap", &all);
+    house.record("rec/b.mcap", &all[..all.len() / 2]);
+    house.ok("replay rec --design sample_logs/design.json --out out");
+    let told = || house.json("report out --json");
+    let (whole, counts) = (told(), house.read("out/.a.counts"));
+    let mut damaged = counts.clone();
+    let last = damaged.len() - 9;
+    damaged[last] ^= 1;
+    house.write("out/.a.counts", &damaged);
+    assert_eq!(told(), whole);
+    house.write("out/.a.counts", &counts);
+    assert_eq!(told(), whole);
+    // the table of another recording in the place of this one's
+    house.write("out/a.verdicts.parquet", &house.read("out/b.verdicts.parquet"));
+    let other = told();
+    assert_ne!(other, whole);
+    house.remove("out/.a.counts");
+    assert_eq!(told(), other);
 }
 
 #[test]

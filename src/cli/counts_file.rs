@@ -3,21 +3,26 @@
 //! recordings.
 //!
 //! In: [`RecordingCounts`] from `results`. Out: the same on a later run, as long as the verdicts, the episodes and the
-//! times that were put right are those of then ([`Key`]). Nothing else rests on these files: one that is missing, is
-//! damaged or cannot be written costs time alone, so nothing is told of it.
+//! times that were put right are those of then ([`Key`]). Nothing else rests on these files: one that is missing or
+//! damaged costs time alone, so nothing is told of it. One that cannot be written is an error as of any result: a
+//! later run then leaves the same files as an undisturbed one.
 
 use crate::report::RecordingCounts;
 use inkling_core::episodes::Episode;
 use inkling_io::digest::of_bytes;
+use inkling_io::file_error::FileError;
 use inkling_io::objects::in_object_store;
 use inkling_io::{part_file, regular_file, stored};
 use serde_json::{Value, json};
+use std::io::{self, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
 /// To be raised whenever verdicts would be counted otherwise.
 const VERSION: u32 = 1;
 /// Most bytes that are read.
 const MOST_BYTES: u64 = 256 << 20;
+/// Length of what ends a Parquet file: the length of its footer, and `PAR1`.
+const PARQUET_END: i64 = 8;
 
 /// What counts are of.
 pub struct Key {
@@ -27,17 +32,21 @@ pub struct Key {
 
 impl Key {
     /// `verdicts`: the table; `document`: the recording's summary. `None` where no counts are kept: in object stores.
-    pub fn of(verdicts: &Path, episodes: &[Episode], document: &Value) -> Option<Key> {
-        if in_object_store(verdicts) {
-            return None;
-        }
-        let stamp = stored::stamp(verdicts).ok()?;
+    pub fn of(
+        verdicts: &Path,
+        episodes: &[Episode],
+        document: &Value,
+    ) -> Result<Option<Key>, FileError> {
+        let Some(name) = verdicts.file_name().filter(|_| !in_object_store(verdicts)) else {
+            return Ok(None);
+        };
+        let footer = footer(verdicts).map_err(FileError::unread(verdicts))?;
         let times = &document["wrong_times"];
-        let all = json!([VERSION, stamp.bytes, stamp.modified_ns?, episodes, times]);
-        let name = verdicts.file_name()?.to_string_lossy();
+        let all = json!([VERSION, stored::bytes(verdicts), of_bytes(&footer), episodes, times]);
+        let name = name.to_string_lossy();
         let stem = name.strip_suffix(".verdicts.parquet").unwrap_or(&name);
         let path = verdicts.with_file_name(format!(".{stem}.counts"));
-        Some(Key { path, digest: of_bytes(all.to_string().as_bytes()) })
+        Ok(Some(Key { path, digest: of_bytes(all.to_string().as_bytes()) }))
     }
 
     /// The counts that are kept; `None`: there are none, or none with maps where these are wanted.
@@ -51,14 +60,32 @@ impl Key {
         (counts.has_maps || !with_maps).then_some(counts)
     }
 
-    pub fn keep(&self, counts: &RecordingCounts) {
-        let Ok(counts) = serde_json::to_string(counts) else { return };
+    pub fn keep(&self, counts: &RecordingCounts) -> Result<(), FileError> {
+        let failed = FileError::unwritten(&self.path);
+        let counts = match serde_json::to_string(counts) {
+            Ok(counts) => counts,
+            Err(e) => return Err(failed(e.into())),
+        };
         let text = format!("{}\n{counts}", self.head(&counts));
-        let _ = part_file::write(&self.path, text.as_bytes()); // as above
+        part_file::write(&self.path, text.as_bytes()).map_err(failed)
     }
 
     /// The first line: what the counts are of, and their own digest.
     fn head(&self, counts: &str) -> String {
         format!("inkling counts {} {}", self.digest, of_bytes(counts.as_bytes()))
     }
+}
+
+/// The footer of a Parquet file, which says where in it which values lie, and what they are of: a table that was
+/// written anew with others has another one. (The time of its last change says less: a copy has another.)
+fn footer(table: &Path) -> io::Result<Vec<u8>> {
+    let mut file = regular_file::open(table)?;
+    let mut end = [0; 4];
+    file.seek(SeekFrom::End(-PARQUET_END))?;
+    file.read_exact(&mut end)?;
+    let length = u32::from_le_bytes(end);
+    let mut footer = Vec::new();
+    file.seek(SeekFrom::End(-PARQUET_END - i64::from(length)))?;
+    file.take(length.into()).read_to_end(&mut footer)?;
+    Ok(footer)
 }

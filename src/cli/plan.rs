@@ -81,7 +81,7 @@ pub fn lost(e: &InputsError) -> Row {
 }
 
 /// Removes the unfinished files (`.part`) that killed runs left in the directories to which this
-/// run writes: those of verdicts, episodes, summaries and `run.json`, and those of a night.
+/// run writes: those of verdicts, their counts, episodes, summaries and `run.json`, and those of a night.
 pub fn sweep(jobs: &[Job], out: &Path) {
     let files = jobs.iter().flat_map(|job| resume::files(&job.verdicts_in(out)));
     let dirs = files.filter_map(|file| file.parent().map(Path::to_path_buf));
@@ -92,6 +92,7 @@ pub fn sweep(jobs: &[Job], out: &Path) {
         ".summary.json",
         ".annotations.mcap",
         ".faults.parquet",
+        ".counts",
     ];
     let names = [RUN_NAME, ACCOUNT_NAME, NIGHT_NAME, PAGE_NAME, ACKNOWLEDGED_NAME];
     let ours = |name: &str| names.contains(&name) || endings.iter().any(|end| name.ends_with(end));

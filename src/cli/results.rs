@@ -14,6 +14,7 @@ use super::progress::Progress;
 use crate::pipeline::Control;
 use crate::report::{Clocks, Names, RecordingCounts, Report, ReportSettings, Source, Survey};
 use inkling_core::verdict::VerdictColumns;
+use inkling_io::file_error::FileError;
 use inkling_io::inputs::Input;
 use inkling_io::objects::in_object_store;
 use inkling_io::verdict_reader::VerdictReader;
@@ -95,7 +96,8 @@ pub struct OfVerdicts {
 struct Unread<'a> {
     recording: usize,
     file: &'a Path,
-    key: Option<Key>,
+    /// An error if the table could not be looked into, as when its verdicts cannot be read either.
+    key: Result<Option<Key>, FileError>,
     /// Its counts, which know its episodes, and so far no verdicts.
     counts: RecordingCounts,
     clocks: Clocks,
@@ -160,7 +162,7 @@ pub fn read(
     }
 
     // 4. the counts of each recording: those that are kept beside its verdicts, or else by reading these
-    let keys: Vec<Option<Key>> = files
+    let keys: Vec<Result<Option<Key>, FileError>> = files
         .iter()
         .zip(episodes.iter().zip(&sources))
         .map(|(file, (episodes, source))| Key::of(file, episodes, &source.document))
@@ -174,15 +176,16 @@ pub fn read(
         if control.interrupted() {
             break;
         }
-        match key.as_ref().and_then(|key| key.read(of_verdicts.with_maps)) {
+        let known = key.as_ref().ok().and_then(Option::as_ref);
+        match known.and_then(|key| key.read(of_verdicts.with_maps)) {
             Some(kept) => survey.absorb(recording, kept),
             None => unread.push(Unread { recording, file: files[recording], key, counts, clocks }),
         }
     }
     let bytes: u64 = unread.iter().map(|of| stored::bytes(of.file)).sum();
     progress.during("verdicts", bytes, control, || {
-        count_all(unread, of_verdicts.keeps_counts, &mut survey, &mut failed, control);
-    });
+        count_all(unread, of_verdicts.keeps_counts, &mut survey, &mut failed, control)
+    })?;
     if control.interrupted() {
         return Err(Failure::new("interrupted; nothing was written"));
     }
@@ -241,9 +244,10 @@ fn count_all(
     survey: &mut Survey,
     failed: &mut Vec<String>,
     control: &Control,
-) {
+) -> Result<(), FileError> {
     let (send, receive) = sync_channel(READ_AHEAD);
-    std::thread::scope(|scope| {
+    // the receiver goes where this one does, so that nobody waits for room in vain
+    std::thread::scope(move |scope| {
         let files: Vec<&Path> = recordings.iter().map(|of| of.file).collect();
         scope.spawn(move || read_all(&files, control, &send));
         for Unread { recording, key, mut counts, mut clocks, .. } in recordings {
@@ -254,16 +258,19 @@ fn count_all(
                         counts.add(&columns, Names { classes: &classes, categories: &categories });
                     }
                     Ok(Read::End(end)) => break end,
-                    Err(_) => return, // interrupted
+                    Err(_) => return Ok(()), // interrupted
                 }
             };
-            match end {
-                Ok(()) => key.iter().filter(|_| keeps).for_each(|key| key.keep(&counts)),
-                Err(e) => failed.push(e),
+            match (end, key) {
+                (Ok(()), Ok(Some(key))) if keeps => key.keep(&counts)?,
+                (Ok(()), Ok(_)) => {}
+                (Err(e), _) => failed.push(e),
+                (Ok(()), Err(e)) => failed.push(e.to_string()),
             }
             survey.absorb(recording, counts);
         }
-    });
+        Ok(())
+    })
 }
 
 /// Reads all files in their order, and sends their rows ahead of their use. Where one cannot be read to its end, the
