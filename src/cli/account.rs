@@ -48,7 +48,7 @@ pub struct Row {
     pub digest: Option<String>,
     /// Number of signals found in the recording, judged or rejected; 0 if it has no verdicts.
     pub signals: u64,
-    /// Whether somebody has acknowledged that it is damaged: then whatever is wrong with it is no news.
+    /// Whether somebody has acknowledged that it is damaged, and it is not whole: then whatever is wrong with it is no news.
     pub acknowledged: bool,
 }
 
@@ -242,8 +242,10 @@ impl Account {
 
     /// Adds the row of a recording.
     pub fn enter(&mut self, job: &Job, entry: &Entry) -> Row {
-        let acknowledged = self.acknowledged.knows_recording(&job.source.path).is_some();
-        let row = Row { acknowledged, ..Row::of(job, entry) };
+        let row = Row::of(job, entry);
+        // of one that is whole by now nothing has to be known
+        let is_known = self.acknowledged.knows_recording(&job.source.path).is_some();
+        let row = Row { acknowledged: is_known && row.outcome != Outcome::Judged, ..row };
         self.rows.push(row.clone());
         row
     }

@@ -88,6 +88,10 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     } else if let Some(account) = account(&args.out) {
         warn_of_the_unknown(&account, printhead, channel, args.known.is_some());
     }
+    if let Some(of) = checked.replaced.iter().find(|of| Some(of.from_ns) > now_ns()) {
+        let from = clock(of.from_ns);
+        complain(&format!("warning: {from} is still to come: until then nothing is changed by it"));
+    }
     let begin = if args.known.is_some() { ", faults that began" } else { "" };
     let times = [("from", from), ("before", until)].into_iter();
     let times = times.filter(|(_, time)| !time.is_empty());
@@ -105,6 +109,11 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
         place.display()
     )?;
     Ok(Exit::Done)
+}
+
+/// This moment, ns since 1970; `None` where that cannot be said.
+fn now_ns() -> Option<i64> {
+    chrono::Utc::now().timestamp_nanos_opt()
 }
 
 /// What was told of the results last; `None`: there is no account of them.
@@ -200,7 +209,7 @@ fn append(path: &Path, cells: &[String; COLUMNS.len()]) -> Result<(), Failure> {
 /// be understood is told in `mistakes`.
 pub fn read(out: &Path) -> Acknowledged {
     let path = out.join(ACKNOWLEDGED_NAME);
-    let mut all = Acknowledged::default();
+    let mut all = Acknowledged::read_at(now_ns());
     let at = |line: u64, what: &str| {
         let place = path.display();
         printable::line(&format!("{place}, line {line}: {what}; the line counts for nothing"), 1000)

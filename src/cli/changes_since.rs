@@ -132,15 +132,13 @@ impl EarlierRun {
     /// that it has now. When and by which design it was judged says nothing: a recording that was judged again is
     /// no newer.
     fn row(&self, name: &str) -> Option<&Row> {
-        // without a journal it is taken for the same
-        let now = self.now.get(name);
-        let is_it = |row: &&Row| {
-            is_of(row, name)
-                && row.outcome.is_judged()
-                && now.is_none_or(|now| row.digest == now.recording.digest)
+        // a recording that lies elsewhere now is the same; without a journal, what has the same name is
+        let now = self.now.get(name).and_then(|now| now.recording.digest.as_ref());
+        let is_it = |row: &&Row| match now {
+            Some(digest) => row.digest.as_ref() == Some(digest),
+            None => is_of(row, name),
         };
-        // recordings of several directories may have this name
-        self.recordings.iter().find(is_it)
+        self.recordings.iter().filter(|row| row.outcome.is_judged()).find(is_it)
     }
 
     fn has_results(&self, name: &str) -> bool {

@@ -8,7 +8,6 @@
 use inkling_io::stored;
 use inkling_io::verdict_reader::VerdictReader;
 use serde_json::Value;
-use std::cmp::Reverse;
 use std::collections::BTreeMap;
 use std::path::Path;
 
@@ -19,21 +18,28 @@ pub struct Table<'a> {
 }
 
 /// For each table, in their order: `None` if it stays, or the sentence to say if it is left out
-/// because another table is of the same recording. Of such tables one that can be read stays, of these the one
-/// with the most judged signals, and of equal ones the oldest: earlier nights were told by its name.
+/// because another table is of the same recording. Of such tables one that can be read stays. Where they were judged
+/// by another design or other settings, the newest one stays; else the one with the most judged signals, and of
+/// equal ones the oldest: earlier nights were told by its name.
 pub fn left_out(tables: &[Table]) -> Vec<Option<String>> {
-    let worth = |table: &Table| {
-        let is_readable = VerdictReader::open_columns(table.path, &[]).is_ok();
-        let judged = table.document["counts"]["judged"].as_u64().unwrap_or_default();
-        let made_ns = stored::stamp(table.path).ok().and_then(|stamp| stamp.modified_ns);
-        (is_readable, judged, Reverse(made_ns))
+    let is_readable = |table: &Table| VerdictReader::open_columns(table.path, &[]).is_ok();
+    let made_ns =
+        |table: &Table| stored::stamp(table.path).ok().and_then(|stamp| stamp.modified_ns);
+    let judged = |table: &Table| table.document["counts"]["judged"].as_u64().unwrap_or_default();
+    let by = |table: &Table| ["design", "settings"].map(|of| table.document[of].clone());
+    let is_better = |this: &Table, that: &Table| {
+        let by_age = match by(this) == by(that) {
+            true => judged(this).cmp(&judged(that)).then(made_ns(that).cmp(&made_ns(this))),
+            false => made_ns(this).cmp(&made_ns(that)),
+        };
+        is_readable(this).cmp(&is_readable(that)).then(by_age).is_gt()
     };
     // of each recording the table that stays
     let mut stays: BTreeMap<&str, &Table> = BTreeMap::new();
     for table in tables {
         let Some(digest) = digest(table) else { continue };
         let kept = stays.entry(digest).or_insert(table);
-        if !std::ptr::eq(*kept, table) && worth(table) > worth(kept) {
+        if !std::ptr::eq(*kept, table) && is_better(table, kept) {
             *kept = table;
         }
     }

@@ -28,7 +28,7 @@ use std::sync::atomic::Ordering;
 use std::sync::mpsc::{SyncSender, sync_channel};
 
 /// The columns of a verdict table that a report needs.
-const COLUMNS: [&str; 10] = [
+const COLUMNS: [&str; 12] = [
     "acquired_at",
     "printhead",
     "channel",
@@ -38,6 +38,8 @@ const COLUMNS: [&str; 10] = [
     "statistic",
     "threshold",
     "severity",
+    "resonance_hz",
+    "damping_per_s",
     "reason",
 ];
 /// Number of batches that are read ahead, of some MB each.
@@ -130,7 +132,8 @@ pub fn read(
         match source(input, &mut notes) {
             Ok(mut source) => {
                 let label = source.document["recording"]["name"].as_str().unwrap_or(&source.name);
-                source.known = acknowledged.knows_recording(label).map(str::to_owned);
+                let known = acknowledged.knows_recording(label).filter(|_| !source.is_whole());
+                source.known = known.map(str::to_owned);
                 found.push((input.path.as_path(), source));
             }
             Err(e) => failed.push(e),

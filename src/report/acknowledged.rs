@@ -22,6 +22,8 @@ pub struct Acknowledged {
     pub replaced: Vec<Replaced>,
     /// What is wrong with lines that cannot be understood, a sentence each.
     pub mistakes: Vec<String>,
+    /// When the lines were read, ns since 1970; `None`: unknown.
+    pub read_at_ns: Option<i64>,
 }
 
 /// A recording whose damage is known, whatever it is.
@@ -43,6 +45,11 @@ struct KnownFault {
 }
 
 impl Acknowledged {
+    /// Nothing, as read at a time (ns since 1970).
+    pub fn read_at(read_at_ns: Option<i64>) -> Acknowledged {
+        Acknowledged { read_at_ns, ..Acknowledged::default() }
+    }
+
     /// Takes a line with the cells of [`COLUMNS`]; the error says what is wrong with it and what to do.
     pub fn add(&mut self, cells: [&str; 7]) -> Result<(), String> {
         let [what, recording, printhead, channel, from, until, note] = cells;
@@ -89,6 +96,7 @@ impl Acknowledged {
         self.replaced.append(&mut other.replaced);
         self.replaced.sort_by_key(|of| of.from_ns);
         self.mistakes.append(&mut other.mistakes);
+        self.read_at_ns = self.read_at_ns.max(other.read_at_ns);
     }
 
     /// The note on a recording whose damage is known. `path`: as much of its path as the caller knows; one of the two
@@ -104,15 +112,22 @@ impl Acknowledged {
     pub fn knows(&self, story: &Story) -> Option<&str> {
         let is_it = |of: &&KnownFault| {
             (of.printhead.as_str(), of.channel) == (&*story.printhead, story.channel)
-                && (of.from_ns..of.until_ns).contains(&story.began_at_ns)
+                && of.from_ns <= story.began_at_ns
+                // one that was cured and is back later is news
+                && story.last_began_at_ns.max(story.began_at_ns) < of.until_ns
         };
         self.known.iter().find(is_it).map(|of| of.note.as_str())
     }
 
-    /// When a channel was replaced, or its whole printhead; ascending.
-    pub fn replaced_ns(&self, printhead: &str, channel: u32) -> Vec<i64> {
+    /// When a channel was replaced, or its whole printhead; ascending. A replacement that is still to come, because
+    /// its year is mistyped, say, changes nothing yet. `heard_ns`: when the printhead was heard last.
+    pub fn replaced_ns(&self, printhead: &str, channel: u32, heard_ns: i64) -> Vec<i64> {
+        let has_happened =
+            |of: &Replaced| self.read_at_ns.is_none_or(|now| of.from_ns <= now.max(heard_ns));
         let is_it = |of: &&Replaced| {
-            of.printhead == printhead && of.channel.is_none_or(|number| number == channel)
+            of.printhead == printhead
+                && of.channel.is_none_or(|number| number == channel)
+                && has_happened(of)
         };
         self.replaced.iter().filter(is_it).map(|of| of.from_ns).collect()
     }
@@ -172,6 +187,17 @@ mod tests {
             let known = damage(written).knows_recording(met).is_some();
             assert_eq!(known, is_known, "{written} is {met}");
         }
+    }
+
+    #[test]
+    fn a_replacement_that_is_still_to_come_changes_nothing_yet() {
+        let of = of(&[["replaced", "", "p", "3", "2031-01-01", "", ""]]);
+        let at_ns = time("from", "2031-01-01").unwrap().unwrap();
+        let read = |read_at_ns| Acknowledged { read_at_ns, ..of.clone() };
+        assert_eq!(read(None).replaced_ns("p", 3, 0), [at_ns]);
+        assert_eq!(read(Some(at_ns - 1)).replaced_ns("p", 3, 0), [0; 0]);
+        assert_eq!(read(Some(at_ns - 1)).replaced_ns("p", 3, at_ns), [at_ns], "clocks differ");
+        assert_eq!(read(Some(at_ns)).replaced_ns("p", 3, 0), [at_ns]);
     }
 
     #[test]

@@ -24,8 +24,8 @@ pub struct Changes<'a> {
     /// Number of recordings since then.
     pub recordings: usize,
     /// The changed faults by kind (key in JSON, words, faults), the most important kind first.
-    pub kinds: [(&'static str, &'static str, Vec<&'a Fault>); 4],
-    /// Number of faults that are on as before.
+    pub kinds: [(&'static str, &'static str, Vec<&'a Fault>); 5],
+    /// Number of faults that are to be cleaned as before.
     pub still: usize,
     /// Printheads that earlier recordings judged, and that no recording since then judged.
     pub silent: Vec<Arc<str>>,
@@ -83,6 +83,16 @@ impl<'a> Changes<'a> {
         let of_last: BTreeSet<Arc<str>> =
             last.iter().chain(until_now).flat_map(|of| judged(of)).collect();
 
+        // the name that the recordings since then give, where the earlier ones gave another
+        let is_other = |story: &Story| {
+            let name = |since: bool| {
+                let spells = story.spells.iter().rev();
+                let mut spells = spells.filter(|of| known.contains(&of.recording) != since);
+                spells.find_map(|of| of.episode.category.as_ref())
+            };
+            name(true).zip(name(false)).is_some_and(|(is, was)| is != was)
+        };
+
         // The order of the cases matters: each fault counts once, and a new one is not also worse.
         let kind = |story: &Story| {
             let is_shown = || story.spells.iter().any(|of| known.contains(&of.recording));
@@ -97,6 +107,7 @@ impl<'a> Changes<'a> {
                 None if !was_known => "new",
                 // cured, and began again after the end of the earlier recordings
                 None if story.last_began_at_ns > known_to_ns => "back",
+                None if is_other(story) => "changed",
                 None if is_worse => "worse",
                 None => "as before",
             }
@@ -109,15 +120,21 @@ impl<'a> Changes<'a> {
         let kinds = [
             ("new", "new"),
             ("back", "came back"),
+            ("changed", "another fault now"),
             ("worse", "getting worse"),
             ("cured", "healthy again"),
         ];
+        let kinds = kinds.map(|(key, words)| (key, words, of_kind(key)));
+        let told = kinds.iter().filter(|(key, ..)| *key != "cured");
+        let told = told.flat_map(|(_, _, of)| of).filter(|of| of.is_open());
         Changes {
             from_ns,
             to_ns,
             recordings: last.len(),
-            kinds: kinds.map(|(key, words)| (key, words, of_kind(key))),
-            still: of_kind("as before").len(),
+            // one that comes and goes is to be cleaned though it is healthy now
+            still: faults.iter().filter(|of| of.is_open() && of.story.known.is_none()).count()
+                - told.count(),
+            kinds,
             silent: of_before.difference(&of_last).cloned().collect(),
         }
     }

@@ -280,7 +280,11 @@ fn not_measured(survey: &Survey, sources: &[Source]) -> Vec<Gap> {
         // where its clock is odd, its times say nothing beside those of others
         let odd = sources[recording].document["odd_times"].as_array();
         let is_odd = odd.into_iter().flatten().any(|of| of["printhead"] == **name);
-        let is_silent = |of: &Span| tally.judged > 0 && !is_odd && of.1 < half && of.1 >= from_ns;
+        // one that was heard once did not fall silent after that
+        let is_silent = |of: &Span| {
+            let was_heard = tally.judged > 0 && of.0 < of.1;
+            was_heard && !is_odd && of.1 < half && of.1 >= from_ns
+        };
         if let Some((_, last)) = tally.span.filter(is_silent) {
             let (last, ended) = (clock(last), clock(ended));
             let what = format!(

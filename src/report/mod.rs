@@ -199,8 +199,9 @@ fn stories(
         span.map_or(i64::MIN, |(_, to_ns)| to_ns)
     };
     let first = &watch.spells[0].episode;
+    let heard_ns = head.latest().and_then(|(_, of)| of.span).map_or(i64::MIN, |(_, to_ns)| to_ns);
     let (mut all, mut rest) = (Vec::new(), Some(watch.clone()));
-    for at_ns in acknowledged.replaced_ns(&first.printhead, first.channel) {
+    for at_ns in acknowledged.replaced_ns(&first.printhead, first.channel, heard_ns) {
         let Some(watch) = rest.take() else { break };
         let [before, after] = watch.divided(at_ns, ends_ns);
         let gone = before.iter().flat_map(|watch| story::stories(watch, rates));

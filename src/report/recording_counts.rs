@@ -223,7 +223,9 @@ fn said<'a>(c: &VerdictColumns, row: usize, names: Names<'a>) -> Flagged<'a> {
     let is_named = c.outcome[row] == Outcome::Faulty;
     let category = c.category[row].and_then(|k| names.categories.get(usize::from(k)));
     let over = c.statistic[row].zip(c.threshold[row]).map(|(s, t)| f64::from(s / t).sqrt());
+    let ring = c.resonance_hz[row].zip(c.damping_per_s[row]);
     Flagged {
+        ring: ring.map(|(resonance, damping)| [resonance, damping].map(f64::from)),
         category: category.filter(|_| is_named).map(String::as_str),
         size: class.zip(c.severity[row]).filter(|_| is_named).map(size),
         distance: over.filter(|_| c.reason[row] != Some(Reason::NoRing)),

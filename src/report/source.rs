@@ -27,6 +27,12 @@ impl Source {
         self.document["damage"]["places"].as_u64().unwrap_or(0)
     }
 
+    /// Whether nothing of the recording is damaged, unread or missing.
+    pub fn is_whole(&self) -> bool {
+        let tells_of = |key: &str| self.document[key].as_array().is_some_and(|of| !of.is_empty());
+        self.flaws().is_empty() && !tells_of("not_judged") && !tells_of("unread")
+    }
+
     pub fn has_episodes(&self) -> bool {
         !self.missing.contains(&"episodes")
     }

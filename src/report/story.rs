@@ -33,8 +33,8 @@
 //! one.
 
 use super::naming::LastNamed;
-use super::trend::{self, Trend};
-use super::watch::{self, BurstCounts, DISTANCE, Spell, Watch};
+use super::trend::{self, Direction, Trend};
+use super::watch::{self, BurstCounts, DAMPING, DISTANCE, RESONANCE, Spell, Watch};
 use inkling_core::episodes::Episode;
 use inkling_core::model::faults::{self, Law};
 use inkling_core::verdict::Reason;
@@ -150,7 +150,15 @@ const SENSOR_LINE: &str = "look at cable";
 
 /// What a channel's bursts between two episodes, or after the last one, say about a cure.
 struct Gap {
-    cured: bool,
+    /// ln of the likelihood ratio, healthy over still faulty.
+    healthy: f64,
+    /// Bursts that were not flagged.
+    quiet: u64,
+}
+
+/// Whether the channel was cured between two episodes, or after the last one.
+struct Cure {
+    is_one: bool,
     /// Bursts that were not flagged.
     quiet: u64,
 }
@@ -165,7 +173,7 @@ impl Gap {
         // ln of the binomial likelihood ratio: healthy over still faulty
         let healthy = between.flagged as f64 * (false_alarms / share).ln()
             + quiet as f64 * ((1.0 - false_alarms) / (1.0 - share)).ln();
-        Gap { cured: healthy > CURED, quiet }
+        Gap { healthy, quiet }
     }
 }
 
@@ -179,10 +187,11 @@ pub fn stories(watch: &Watch, rates: &Rates) -> Vec<Story> {
 
     // The gap before episode k; with k the number of episodes, the time after the last one.
     let gap = |k: usize| {
-        // The sequential test saw the channel healthy if the episode ended: then one quiet burst is enough.
+        // The sequential test saw the channel healthy if the episode ended: then one quiet burst is enough, unless
+        // so many are flagged all the same that the channel goes on to be faulty.
         let ended = watch.spells[k - 1].episode.ended_at_ns.is_some();
-        let gap = Gap::of(&watch.outside[k], share, rates.false_alarms);
-        Gap { cured: gap.cured || ended && gap.quiet > 0, quiet: gap.quiet }
+        let Gap { healthy, quiet } = Gap::of(&watch.outside[k], share, rates.false_alarms);
+        Cure { is_one: healthy > CURED || ended && quiet > 0 && healthy > -CURED, quiet }
     };
     // Episodes `from..k` make up the current story, which ends where episode k is another fault.
     let mut all = Vec::new();
@@ -196,9 +205,10 @@ pub fn stories(watch: &Watch, rates: &Rates) -> Vec<Story> {
 
         // It ended where its last episode did, or at the first quiet burst after it if the channel was cured
         // later.
-        let inner: Vec<Gap> = (from + 1..k).map(gap).collect();
-        let is_over = before.episode.ended_at_ns.is_some() || here.cured;
-        let ended_at_ns = before.episode.ended_at_ns.or(watch.outside[k].first_quiet_ns);
+        let inner: Vec<Cure> = (from + 1..k).map(gap).collect();
+        let after = &watch.outside[k];
+        let is_over = here.is_one || before.episode.ended_at_ns.is_some() && after.judged == 0;
+        let ended_at_ns = before.episode.ended_at_ns.or(after.first_quiet_ns);
         let ended_at_ns = ended_at_ns.filter(|_| is_over);
 
         // Its onset was seen if the channel was quiet at some time before.
@@ -212,8 +222,8 @@ pub fn stories(watch: &Watch, rates: &Rates) -> Vec<Story> {
 }
 
 /// Whether the episode after a gap is a new fault, rather than the old one.
-fn is_another(before: &Spell, after: &Spell, gap: &Gap, rates: &Rates) -> bool {
-    if !gap.cured {
+fn is_another(before: &Spell, after: &Spell, gap: &Cure, rates: &Rates) -> bool {
+    if !gap.is_one {
         return false; // whatever it is called now, it was never gone
     }
 
@@ -250,14 +260,14 @@ fn named_after(spells: &[Spell]) -> &Episode {
 fn story(
     watch: &Watch,
     spells: &[Spell],
-    inner: &[Gap],
+    inner: &[Cure],
     onset_seen: bool,
     ended_at_ns: Option<i64>,
 ) -> Story {
     let (first, named) = (&spells[0].episode, named_after(spells));
     let recordings: BTreeSet<usize> = spells.iter().map(|s| s.recording).collect();
     // the first episode after the last cure
-    let last_run = inner.iter().rposition(|gap| gap.cured).map_or(0, |k| k + 1);
+    let last_run = inner.iter().rposition(|gap| gap.is_one).map_or(0, |k| k + 1);
     let last_began_at_ns = spells[last_run].episode.began_at_ns;
 
     // The size is that of the last episode that has one in the quantity of the story's class. Episodes
@@ -266,8 +276,12 @@ fn story(
     let same = |e: &&Episode| e.category.is_some() && watch::quantity(e) == quantity;
     let mut sized = spells.iter().map(|s| &s.episode).filter(same);
     let last_sized = sized.clone().rfind(|e| e.severity_last.is_some());
+    let to_ns = ended_at_ns.unwrap_or(i64::MAX);
+    // signals after the last episode of the name may carry it, too
+    let of_signals = quantity.filter(|of| *of != DISTANCE).and_then(|of| watch.course(of));
+    let of_signals = of_signals.and_then(|of| of.last(first.began_at_ns, to_ns));
     let last = LastSize {
-        severity: last_sized.and_then(|e| e.severity_last),
+        severity: of_signals.or(last_sized.and_then(|e| e.severity_last)),
         sd: last_sized.and_then(|e| e.severity_sd),
     };
     // where present signals of a fault that is on carry the name no longer, the distance is what is known of it
@@ -282,8 +296,16 @@ fn story(
     let scale = scale.map(|((last, sd), none)| sd / (last - none).abs());
     let scale = scale.filter(|scale| scale.is_finite()).unwrap_or(0.0);
     let course = quantity.and_then(|quantity| watch.course(quantity));
-    let to_ns = ended_at_ns.unwrap_or(i64::MAX);
-    let trend = course.and_then(|course| trend::trend(course, last_began_at_ns, to_ns));
+    let trend_of = |course| trend::trend(course, last_began_at_ns, to_ns);
+    // The threshold, by which distances are measured, follows what is learned of the channel; the ring does not. So a
+    // distance grows only where the ring changes, too.
+    let changes = |of: &str| {
+        let trend = watch.course(of).and_then(trend_of);
+        trend.is_some_and(|trend| trend.direction() != Direction::Steady)
+    };
+    let is_of_fault =
+        |_: &Trend| quantity != Some(DISTANCE) || changes(RESONANCE) || changes(DAMPING);
+    let trend = course.and_then(trend_of).filter(is_of_fault);
     let distances = watch.course(DISTANCE).into_iter().flat_map(|course| course.values());
     let within = distances.filter(|bin| bin.n > 0.0 && bin.t_ns() < to_ns as f64);
     let size_of_now = if lost.is_none() { last } else { LastSize::default() };
@@ -305,7 +327,7 @@ fn story(
         onset_seen,
         ended_at_ns,
         recordings: recordings.len() as u32,
-        cures: inner.iter().filter(|gap| gap.cured).count() as u32,
+        cures: inner.iter().filter(|gap| gap.is_one).count() as u32,
         last_began_at_ns,
         severity_first: sized.find_map(|e| e.severity_first),
         severity_last: size_of_now.severity,
@@ -408,7 +430,9 @@ mod tests {
             for k in 0..20 {
                 let is_named = r < 5;
                 let size = Size { quantity: "viscosity", size: 1.4 };
+                let ring = [50e3 - 100.0 * r as f64 - f64::from(k % 3), 3e4];
                 let signal = Flagged {
+                    ring: Some(ring),
                     category: is_named.then_some("dried_nozzle"),
                     size: is_named.then_some(size),
                     distance: Some(2.0 + r as f64 + 0.01 * f64::from(k % 3)),

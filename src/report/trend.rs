@@ -51,6 +51,8 @@ pub struct Severities {
     sum_t_ns: f64,
     /// Number of flagged signals of the fault that have no size in this quantity.
     missed: f64,
+    /// t_a of the last signal with a size, ns, and its size.
+    last: Option<(i64, f64)>,
 }
 
 impl Pooled for Severities {
@@ -63,6 +65,8 @@ impl Pooled for Severities {
         self.sum_of_squares += other.sum_of_squares;
         self.sum_t_ns += other.sum_t_ns;
         self.missed += other.missed;
+        let all = self.last.into_iter().chain(other.last);
+        self.last = all.max_by_key(|(t_ns, _)| *t_ns);
     }
 }
 
@@ -116,9 +120,17 @@ impl Course {
                 sum: severity,
                 sum_of_squares: severity * severity,
                 sum_t_ns: t_ns as f64,
+                last: Some((t_ns, severity)),
                 ..Severities::default()
             });
         }
+    }
+
+    /// The size of the last signal from one time until before another.
+    pub fn last(&self, from_ns: i64, to_ns: i64) -> Option<f64> {
+        let all = self.values().filter_map(|bin| bin.last);
+        let within = all.filter(|(t_ns, _)| (from_ns..to_ns).contains(t_ns));
+        within.max_by_key(|(t_ns, _)| *t_ns).map(|(_, size)| size)
     }
 
     /// Adds a signal of the fault that has no size in this quantity.

@@ -80,6 +80,8 @@ pub struct Flagged<'a> {
     pub size: Option<Size<'a>>,
     /// Its distance from healthy, in distances of the threshold; `None`: it has no ring.
     pub distance: Option<f64>,
+    /// Resonance, Hz, and damping, 1/s, of its ring.
+    pub ring: Option<[f64; 2]>,
 }
 
 /// Most quantities that are followed for a channel, and most categories; each own class may have one.
@@ -125,7 +127,7 @@ fn followed<'a, T: Clone>(
 }
 
 impl Said {
-    fn add(&mut self, t_ns: i64, Flagged { category, size, distance }: Flagged<'_>) {
+    fn add(&mut self, t_ns: i64, Flagged { category, size, distance, ring }: Flagged<'_>) {
         let named = category.and_then(|of| followed(&mut self.calls, of, &self.unnamed));
         named.into_iter().for_each(|calls| calls.add(t_ns, true));
         let others = self.calls.iter_mut().filter(|(of, _)| category != Some(of.as_str()));
@@ -134,7 +136,9 @@ impl Said {
 
         // a flagged burst without a size in some quantity is counted there, since `trend` corrects for such bursts
         let distance = distance.map(|size| Size { quantity: DISTANCE, size });
-        let sizes = [size, distance];
+        let [resonance, damping] = [(RESONANCE, 0), (DAMPING, 1)]
+            .map(|(quantity, k)| ring.map(|ring| Size { quantity, size: ring[k] }));
+        let sizes = [size, distance, resonance, damping];
         let is_measured = |of: &str| sizes.iter().flatten().any(|size| size.quantity == of);
         let others = self.courses.iter_mut().filter(|(of, _)| !is_measured(of));
         others.for_each(|(_, course)| course.miss(t_ns));
@@ -265,6 +269,9 @@ impl Watch {
 
 /// The quantity of a fault without a name, which all flagged signals with a ring have.
 pub const DISTANCE: &str = "distance from a healthy channel, in thresholds";
+/// What the rings of all flagged signals have, Hz and 1/s.
+pub const RESONANCE: &str = "resonance";
+pub const DAMPING: &str = "damping";
 
 /// The quantity that an episode's severities measure, if its category has one quantity.
 pub fn quantity(episode: &Episode) -> Option<&str> {

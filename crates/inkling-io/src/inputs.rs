@@ -144,7 +144,11 @@ fn find_one(name: &str, ending: &str) -> Result<FoundInputs, InputsError> {
         return find_objects(name, ending);
     }
     if path.is_dir() {
-        let looked_at = |p: &Path| name_ends(p, ending) || unread(p, ending).is_some();
+        // macOS keeps the attributes of `a.mcap` in `._a.mcap` on disks of others
+        let is_attributes =
+            |p: &Path| p.file_name().is_some_and(|name| name.as_encoded_bytes().starts_with(b"._"));
+        let looked_at =
+            |p: &Path| !is_attributes(p) && (name_ends(p, ending) || unread(p, ending).is_some());
         return Ok(search(path, usize::MAX, looked_at).without_unread(ending));
     }
     match path.symlink_metadata() {

@@ -33,6 +33,13 @@ pub fn beside(name: &str) -> Option<String> {
     {
         return Some(format!("compressed, and not read: `{by}` first"));
     }
+    // as logrotate, copies and people name what they put aside: `a.mcap.1`, `a.mcap.20260131`, `a.mcap.old`
+    if let Some((_, aside)) = name.rsplit_once(".mcap.")
+        && (["old", "bak", "orig"].contains(&aside)
+            || aside.bytes().all(|c| c.is_ascii_digit() || b"-_t".contains(&c)))
+    {
+        return Some("not called *.mcap, and not read: rename it so that it ends in .mcap".into());
+    }
     let other = OTHERS.iter().find(|(of, ..)| name.ends_with(of));
     other.map(|(_, what, advice)| format!("{what}, and not read: {advice}"))
 }
@@ -91,6 +98,9 @@ mod tests {
             "x_0.db3",
             "n.mcap.active",
             "k.mcap.7z",
+            "a.mcap.1",
+            "a.mcap.2026-01-31",
+            "A.mcap.OLD",
         ] {
             assert!(beside(name).is_some_and(|why| why.contains("not ")), "{name}");
         }
