@@ -348,6 +348,21 @@ mod tests {
         }
     }
 
+    #[test]
+    fn a_fault_is_over_for_a_signal_that_lies_where_its_channel_was_healthy() {
+        let judge = judge(&design(), None);
+        let detector = judge.detector().unwrap();
+        let metric = Matrix3::from_diagonal_element(1e4); // standard deviations of a hundredth
+        let at = |ln_frequency: f64| Vector4::new(0.0, 0.0, ln_frequency, 0.0);
+        let own = |fault| OwnBaseline { off: 2.0, fault, ..OwnBaseline::default() };
+        let is_over =
+            |of: f64, fault: Option<f64>| detector.is_over(&metric, &at(of), &own(fault.map(at)));
+        // a slow fault, at two standard deviations: a signal of it may look healthy
+        assert!(!is_over(0.0, Some(0.02)) && !is_over(0.02, Some(0.02)));
+        assert!(is_over(0.0, Some(-0.1)) && !is_over(-0.1, Some(-0.1)));
+        assert!(!is_over(0.0, None), "nobody knows where its fault is");
+    }
+
     /// What lies beside a healthy ring moves with its ink, too, so the misfit of a warmer head grows in all
     /// of its channels. Channels are looked at up to the misfit that the second test calls healthy; beyond, a
     /// signal says nothing of where its head is.

@@ -66,9 +66,13 @@ impl OwnLevels {
                             .or(Some(distance)),
                     });
 
+                // a channel that was cured is healthy at once, and not once its level has followed
+                let is_over = known.off > 0.0
+                    && metric.is_some_and(|metric| detector.is_over(metric, features, known));
+                let off = if is_over { 0.0 } else { known.off };
                 // without a metric there is no distance, and the signal is rejected
                 let ring =
-                    distance.map_or(f64::INFINITY, |distance| judge.of_own(distance, own, known));
+                    distance.map_or(f64::INFINITY, |distance| judge.of_own(distance, own, off));
                 *found = match ring.is_finite() {
                     true => Ok(Detection { ring, ..of_all }),
                     false => Err(Reason::NonFinite),

@@ -15,7 +15,7 @@
 use super::feature_estimator::FeatureEstimator;
 use super::own_channel::{Behind, OwnBaseline, OwnChannels};
 use super::rings::Rings;
-use super::{HealthyModel, Result};
+use super::{HealthyModel, Result, tuned};
 use crate::detect::misfit::Misfit;
 use crate::detect::row_projection::Columns;
 use crate::detect::sensitivity::{CLEARLY_FAR, SECOND_LOOK, Sensitivity};
@@ -158,6 +158,21 @@ impl SensitivityDetector {
         let x = self.estimator.to_three * (features - own.baseline);
         let distance = x.dot(&(metric * x));
         (distance, distance <= SECOND_LOOK)
+    }
+
+    /// Whether a signal says that the fault of its channel is over: it lies so much nearer to the channel's baseline
+    /// than to where the fault is (`own.fault`).
+    pub fn is_over(
+        &self,
+        metric: &Matrix3<f64>,
+        features: &Vector4<f64>,
+        own: &OwnBaseline,
+    ) -> bool {
+        let square = |from: Vector4<f64>| {
+            let x = self.estimator.to_three * (features - from);
+            x.dot(&(metric * x))
+        };
+        own.fault.is_some_and(|fault| square(fault) - square(own.baseline) > tuned::OVER)
     }
 
     /// The squared distance of a signal from a channel's baseline by a fitted ring. `near`:

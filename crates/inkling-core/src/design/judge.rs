@@ -8,7 +8,7 @@
 
 use super::detector::{Detection, SensitivityDetector};
 use super::isolator::Isolator;
-use super::own_channel::{OwnBaseline, OwnChannels};
+use super::own_channel::OwnChannels;
 use super::workspace::Workspace;
 use super::{Design, Extension, HealthyModel, IsolateSettings, Isolation, Result};
 use crate::burst::Burst;
@@ -184,10 +184,10 @@ impl Judge {
     }
 
     /// The first test's statistic at the squared `distance` from the channel's own level: beyond
-    /// its threshold where the distance is beyond [`OwnChannels::gate`] or the level is off.
-    pub fn of_own(&self, distance: f64, channels: &OwnChannels, own: &OwnBaseline) -> f64 {
+    /// its threshold where the distance is beyond [`OwnChannels::gate`] or the level is off (`off`).
+    pub fn of_own(&self, distance: f64, channels: &OwnChannels, off: f64) -> f64 {
         let threshold = self.model.threshold.value;
-        threshold * (distance / channels.gate(threshold)).max(own.off)
+        threshold * (distance / channels.gate(threshold)).max(off)
     }
 
     pub fn thresholds(&self) -> Thresholds {

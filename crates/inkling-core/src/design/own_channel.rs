@@ -76,6 +76,8 @@ pub struct OwnBaseline {
     /// The squared distance over its bound, at least 1, while the channel is taken for faulty
     /// because its level drifted or lies apart from all others'; else 0.
     pub off: f64,
+    /// Where its signals lie while it is faulty, if that is known.
+    pub fault: Option<Vector4<f64>>,
 }
 
 /// The index in `LEVELS` of the largest number of looks that a level reaches.
@@ -106,9 +108,13 @@ impl OwnChannels {
         from: Vector4<f64>,
         mut frozen: Vec<u32>,
     ) -> OwnChannels {
-        let baselines = channels.into_iter().map(|OwnLevel { channel, looks, at, off }| {
-            (channel, OwnBaseline { baseline: at + from, behind: Behind::of(looks), off })
-        });
+        let baseline = |OwnLevel { looks, at, off, fault, .. }| OwnBaseline {
+            baseline: at + from,
+            behind: Behind::of(looks),
+            off,
+            fault: fault.map(|at| at + from),
+        };
+        let baselines = channels.into_iter().map(|of| (of.channel, baseline(of)));
         let is_known = |of: &OwnBaseline| of.off > 0.0 || of.behind != Behind(0);
         let is_aged = basis.is_aged;
         let baselines = baselines.filter(|(_, of)| is_aged || is_known(of));

@@ -10,6 +10,10 @@ pub const SUSPECT: f64 = 3.0;
 /// Where the channels of a printhead lie more than this many times as far from each other as
 /// the design says, its threshold does not judge a channel of which nothing else is known.
 pub const AGED: f64 = 1.5;
+/// -2 ln of how much less probable a signal of a channel whose level is off has to be by the channel's
+/// fault than by its healthy level, so that the fault is over for it: as one signal in 30,000 of a fault at four
+/// standard deviations would be by chance.
+pub const OVER: f64 = 16.0;
 /// Standard deviations of a sudden change that all channels have in common: of ln amplitude; of
 /// ln damping and of ln frequency, in units of ln (1 + their bound in `[identify]`); and of the
 /// phase, rad. A change beyond five of these is no ink.

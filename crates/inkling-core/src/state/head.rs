@@ -41,6 +41,8 @@ pub struct OwnLevel {
     pub at: Features,
     /// At least 1: its level drifted or lies apart, by this multiple of the bound. 0: it did not.
     pub off: f64,
+    /// Where it is while it is faulty, if that is known.
+    pub fault: Option<Features>,
 }
 
 /// A channel that is another one since a pause.
@@ -446,7 +448,8 @@ impl Head {
         self.channels.iter().map(move |(channel, of)| {
             let healthy = of.healthy();
             let at = from * healthy.posterior(&lasting, &noise).0;
-            OwnLevel { channel: *channel, looks: healthy.looks, at, off: of.off }
+            let fault = of.knows_fault().then(|| from * of.faulty.mean());
+            OwnLevel { channel: *channel, looks: healthy.looks, at, off: of.off, fault }
         })
     }
 }

@@ -87,7 +87,7 @@ impl Nights {
             let outcome = self.head.sweep(t_ns, &looks, 0);
             strange += usize::from(matches!(outcome, SweepOutcome::Strange { .. }));
             let level = self.head.level();
-            for OwnLevel { channel, looks: behind, at, off } in own {
+            for OwnLevel { channel, looks: behind, at, off, .. } in own {
                 let k = channel as usize;
                 let metric = (self.head.scatter(behind) + diagonal(NOISE)).try_inverse().unwrap();
                 let d = looks[k].features - level - at;
