@@ -25,6 +25,8 @@ const MOST_ROWS: usize = 4096;
 const RINGS_WITHIN: [f64; 2] = [500.0, 2e6];
 /// Maximum number of printheads that are told of.
 const MOST_TOLD: usize = 8;
+/// Channels of more than this many times the median channel's energy are left out.
+const MOST_ENERGY: f64 = 100.0;
 
 pub fn doubts(recording: &Recording) -> Vec<(String, String)> {
     let mut by_printhead: BTreeMap<String, Vec<Burst>> = BTreeMap::new();
@@ -52,15 +54,28 @@ fn first_bursts(recording: &Recording) -> Vec<Burst> {
     all
 }
 
-/// A burst's samples, counts, in the order in which they lie in memory.
-fn numbers(burst: &Burst) -> Vec<f64> {
-    let samples_per_channel = burst.channels * burst.samples_per_channel;
-    let layout = Layout::ChannelMajor;
-    // as one channel that holds them all
-    let all = Burst { channels: 1, samples_per_channel, layout, ..burst.clone() };
-    let mut numbers = vec![0.0; samples_per_channel as usize];
-    all.copy_signal(0, &mut numbers);
-    numbers
+/// The samples, counts, of a burst's usual channels in the order in which they lie in memory, and the number of these
+/// channels. One at a rail, or far from zero, has more energy than all others, and says nothing of the layout.
+fn numbers(burst: &Burst) -> (Vec<f64>, usize) {
+    let samples = burst.samples_per_channel as usize;
+    let signal = |channel: u32| {
+        let mut signal = vec![0.0; samples];
+        burst.copy_signal(channel as usize, &mut signal);
+        signal
+    };
+    let mut signals: Vec<Vec<f64>> = (0..burst.channels).map(signal).collect();
+    let energy = |signal: &Vec<f64>| signal.iter().map(|y| y * y).sum::<f64>();
+    let mut energies: Vec<f64> = signals.iter().map(energy).collect();
+    energies.sort_by(f64::total_cmp);
+    let most = MOST_ENERGY * energies.get(energies.len() / 2).copied().unwrap_or(0.0);
+    signals.retain(|signal| energy(signal) <= most);
+    let numbers = match burst.layout {
+        Layout::ChannelMajor => signals.concat(),
+        Layout::SampleMajor => {
+            (0..samples).flat_map(|k| signals.iter().map(move |of| of[k])).collect()
+        }
+    };
+    (numbers, signals.len())
 }
 
 /// The doubt about a layout, if more than half of the bursts give it: they look like ring-downs laid out the other
@@ -68,7 +83,7 @@ fn numbers(burst: &Burst) -> Vec<f64> {
 fn of_layout(bursts: &[Burst]) -> Option<String> {
     let (mut noisy, mut other_way) = (Vec::new(), Vec::new());
     for burst in bursts {
-        let (all, channels) = (numbers(burst), burst.channels as usize);
+        let (all, channels) = numbers(burst);
         let sample_major = burst.layout == Layout::SampleMajor;
         let Some(here) = RowLayout::of(&all, channels, sample_major) else { continue };
         if here.neighbours < LEAST_NEIGHBOURS {

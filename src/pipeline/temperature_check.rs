@@ -1,5 +1,6 @@
-//! Finds printheads that were judged at other temperatures than their models were learned at, by models that
-//! do not know what temperature does, and whose channels could not be followed.
+//! Finds printheads whose recorded temperatures cannot be those of ink, and printheads that were judged at other
+//! temperatures than their models were learned at, by models that do not know what temperature does, and whose channels
+//! could not be followed.
 //!
 //! In: bursts and the judges assigned to them, from the identify stage; at the end the printheads that were
 //! followed, from `wiring`. Out: a warning per printhead, to `finish`. What temperature does to all channels of a
@@ -22,6 +23,8 @@ const MOST_PRINTHEADS: usize = 1 << 10;
 #[derive(Debug, Default)]
 pub struct TemperatureCheck {
     by_printhead: BTreeMap<Arc<str>, TemperatureRange>,
+    /// The temperatures that were not believed, however the printhead was judged.
+    not_believed: BTreeMap<Arc<str>, TemperatureRange>,
 }
 
 /// The range of a printhead's temperatures, °C, and how far the farthest lies from its model's, K.
@@ -35,12 +38,14 @@ struct TemperatureRange {
 impl TemperatureCheck {
     pub fn take(&mut self, judge: &Judge, burst: &Burst) {
         let Some(t) = burst.temperature_c.filter(|t| t.is_finite()) else { return };
-        if judge.model.temperature_response.is_some() {
-            return;
-        }
+        let all = match judge.model.temperature_response {
+            Some(_) if judge.model.believes(t) => return,
+            Some(_) => &mut self.not_believed,
+            None => &mut self.by_printhead,
+        };
         let off = judge.model.temperature_c.map_or(0.0, |reference| (t - reference).abs());
         let new = || TemperatureRange { least: t, most: t, farthest: off };
-        let of = of_printhead(&mut self.by_printhead, &burst.printhead, MOST_PRINTHEADS, new);
+        let of = of_printhead(all, &burst.printhead, MOST_PRINTHEADS, new);
         if let Some(range) = of {
             range.least = range.least.min(t);
             range.most = range.most.max(t);
@@ -68,7 +73,18 @@ impl TemperatureCheck {
         let matters = |range: &TemperatureRange| {
             range.farthest.max(0.5 * (range.most - range.least)) > HARMLESS_K
         };
+        let not_believed = |range: &TemperatureRange| {
+            format!(
+                "temperatures of {} to {} °C were recorded, up to {} K from its model's: they count as not recorded; \
+                 look at the sensor, and at the unit",
+                significant(range.least, 3),
+                significant(range.most, 3),
+                significant(range.farthest, 3)
+            )
+        };
         let of = self.by_printhead.iter().filter(|(_, range)| matters(range));
-        of.map(|(name, range)| (name.clone(), says(range))).collect()
+        let of = of.map(|(name, range)| (name.clone(), says(range)));
+        let odd = self.not_believed.iter();
+        of.chain(odd.map(|(name, range)| (name.clone(), not_believed(range)))).collect()
     }
 }

@@ -85,8 +85,8 @@ impl BaselineFile {
             return Err(FileError::mistaken(
                 path,
                 format!(
-                    "these baselines were learned with another design ({found}, not {due}): give another file, \
-                     or the design they belong to"
+                    "these baselines were learned with another design ({found}, not {due}): remove the file to begin \
+                     anew, or give the design they belong to or another file"
                 ),
             ));
         }

@@ -70,6 +70,7 @@ fn read_rows(text: &mut TextTable, path: &Path, columns: &Columns) -> Result<Tab
             unit = units.of_time(row, &chosen, columns).map_err(at(*line))?;
             chosen.outputs.retain(|c| !units.no_outputs.contains(c));
             chosen.left_out.extend(units.no_outputs);
+            one_unit(row, &chosen).map_err(at(*line))?;
             ahead[0] = None;
         }
     }
@@ -80,12 +81,16 @@ fn read_rows(text: &mut TextTable, path: &Path, columns: &Columns) -> Result<Tab
     // dates become numbers in the unit of their column, seconds where nothing says one; as f64 these hold
     // steps of .24 µs
     let date_unit_ns = unit.unwrap_or(TimeUnit::SECONDS).ns;
-    let mut rows = Rows::new(&chosen);
+    let (mut rows, mut grouped) = (Rows::new(&chosen), Grouped::default());
     let mut ahead = ahead.into_iter().flatten();
     while let Some((line, row)) =
         ahead.next().map_or_else(|| text.next_record().map_err(failed), |row| Ok(Some(row)))?
     {
         chosen.check_cells(&row).map_err(at(line))?;
+        if decimal_comma {
+            let cells = chosen.outputs.iter().filter_map(|c| row.get(*c));
+            cells.for_each(|cell| grouped.add(unquoted(cell), line));
+        }
         let text = |c: Option<usize>| c.and_then(|c| row.get(c)).unwrap_or_default();
         let cell = |c: usize| {
             let cell = row.get(c).unwrap_or_default();
@@ -96,7 +101,68 @@ fn read_rows(text: &mut TextTable, path: &Path, columns: &Columns) -> Result<Tab
         };
         rows.add(line, text(chosen.burst), text(chosen.printhead), cell).map_err(at(line))?;
     }
+    grouped.check().map_err(|(line, what)| at(line)(what))?;
     rows.table(unit).ok_or_else(|| FileError::failed(path, "a header and no rows"))
+}
+
+/// Refuses outputs in several units, such as (mV) and (V): their numbers cannot be compared.
+fn one_unit(units: &StringRecord, chosen: &ChosenColumns) -> Result<(), String> {
+    let all = chosen.outputs.iter().filter_map(|c| Some((*c, units.get(*c)?.trim())));
+    let mut all = all.filter(|(_, unit)| !unit.is_empty());
+    let Some((first, unit)) = all.next() else { return Ok(()) };
+    let Some((other, of_other)) = all.find(|(_, of)| *of != unit) else { return Ok(()) };
+    let [unit, of_other] = [unit, of_other].map(printable::cell);
+    let [first, other] = [first, other].map(|c| printable::cell(&chosen.names[c]));
+    Err(format!(
+        "{first} is in {unit}, and {other} in {of_other}: choose columns of one unit by --outputs, or write all in one"
+    ))
+}
+
+/// Whether points stand between thousands, as where commas stand before decimals: each number with a point has three
+/// digits behind it, and whole numbers below a thousand have none.
+#[derive(Default)]
+struct Grouped {
+    /// The first number with a point, and its line.
+    first: Option<(u64, String)>,
+    has_small: bool,
+    is_other: bool,
+}
+
+impl Grouped {
+    fn add(&mut self, cell: &str, line: u64) {
+        let digits = cell.trim_start_matches(['+', '-']);
+        let is_digits = |of: &str| !of.is_empty() && of.bytes().all(|c| c.is_ascii_digit());
+        match digits.split_once('.') {
+            _ if self.is_other || digits.is_empty() => {}
+            Some((whole, rest)) => {
+                let is_group = is_digits(whole)
+                    && is_digits(rest)
+                    && (1..=3).contains(&whole.len())
+                    && !whole.starts_with('0')
+                    && rest.len() == 3;
+                self.is_other |= !is_group;
+                self.first.get_or_insert_with(|| (line, cell.to_owned()));
+            }
+            None => {
+                self.has_small |= is_digits(digits);
+                self.is_other |= is_digits(digits) && digits.len() > 3;
+            }
+        }
+    }
+
+    fn check(self) -> Result<(), (u64, String)> {
+        match self.first.filter(|_| self.has_small && !self.is_other) {
+            Some((line, cell)) => Err((
+                line,
+                format!(
+                    "{:?} has a point and three digits, as all numbers here that are no whole ones below 1000: write \
+                     nothing between thousands, or all decimals of all numbers",
+                    printable::cell(&cell)
+                ),
+            )),
+            None => Ok(()),
+        }
+    }
 }
 
 /// A row of units, as instruments write it below the names.
@@ -303,6 +369,16 @@ mod tests {
     }
 
     #[test]
+    fn points_before_three_decimals_are_no_thousands_where_one_number_says_so() {
+        for text in
+            ["t;y\n0;1\n1;0.125\n", "t;y\n0;1.000\n1;2.125\n", "t;y\n0;1\n1;2.125\n2;2.25\n"]
+        {
+            assert!(plain(text).is_ok(), "{text}");
+        }
+        assert!(plain("t;y\n0;1000\n1;2.125\n").is_ok());
+    }
+
+    #[test]
     fn missing_cells_are_nan_and_what_is_no_number_names_its_line() {
         let (_, decays) = plain("t,y\n0,\n1,NaN\n2,3\n").unwrap();
         let y = &decays[0].outputs[0];
@@ -311,6 +387,8 @@ mod tests {
             ("t,y\n0,1\n1,abc\n", "line 3: column \"y\": \"abc\" is no number: leave"),
             ("t,y\n0,1\n1,\"1,234.5\"\n", "nothing between thousands"),
             ("t,y\n0,1\n1,-1.5 mV\n", "the unit into the column's name"),
+            ("t;y\n0;975\n1;-4.000\n2;12.345\n", "line 3: \"-4.000\" has a point and three digits"),
+            ("t,a,b\n(us),(mV),(V)\n0,1,2\n1,3,4\n", "line 2: a is in (mV), and b in (V): choose"),
             ("t,y\n0,1\n,2\n", "line 3: column \"t\": a row without a time"),
             ("t,y\n0,1\ninf,2\n", "line 3"),
             ("t,y\n0,1\n1\n", "line 3: 1 cells where the header has 2"),

@@ -10,9 +10,12 @@
 use super::file_error::FileError;
 use super::objects::{self, in_object_store};
 pub use super::result_file::ResultFile;
-use super::stored;
+use super::{regular_file, stored};
 use std::io::ErrorKind;
 use std::path::Path;
+
+/// Number of bytes by which a file is taken to hold nothing.
+const LOOKED_AT: u64 = 4096;
 
 /// The place must be a directory, which may have to be made, or a prefix in an object store.
 pub fn check_place(path: &Path) -> Result<(), FileError> {
@@ -55,7 +58,9 @@ pub fn check_file(path: &Path, kind: ResultFile) -> Result<(), FileError> {
         let what = "is a directory, and the result is a file: give its name";
         return Err(FileError::mistaken(path, what));
     }
-    let is_empty = || path.metadata().is_ok_and(|of| of.is_file() && of.len() == 0); // nothing is lost
+    // nothing is lost: it is empty, or holds nothing but zeros, as files do after a power failure
+    let is_void = |start: Vec<u8>| start.iter().all(|byte| *byte == 0);
+    let is_empty = || path.is_file() && regular_file::start(path, LOOKED_AT).is_ok_and(is_void);
     match ResultFile::of(path) {
         Ok(there) if there == Some(kind) || is_empty() => {}
         Err(e) if e.kind() == ErrorKind::NotFound => {}
@@ -138,6 +143,17 @@ mod tests {
         files().unwrap_err(); // an empty file tells nothing
         std::fs::write(dir.path().join("m"), "{\"models\": []}").unwrap();
         files().unwrap();
+    }
+
+    #[test]
+    fn what_holds_nothing_may_be_replaced() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("run.json");
+        for (bytes, may) in [(&b""[..], true), (&[0; 900], true), (b"\0\0x", false), (b"x", false)]
+        {
+            std::fs::write(&path, bytes).unwrap();
+            assert_eq!(check_file(&path, ResultFile::Run).is_ok(), may, "{bytes:?}");
+        }
     }
 
     #[test]

@@ -4,6 +4,7 @@
 //! Here is what follows from its numbers: the expected signal y_hat at a drive s and a temperature,
 //! s (y + K above the reference * response), corrected signals, noise, and drift between models.
 
+use super::tuned;
 use crate::detect::ResidualGenerator;
 use crate::detect::lane_sensitivity::{LaneSensitivity, Limits};
 use crate::detect::misfit::Misfit;
@@ -149,12 +150,19 @@ impl HealthyModel {
         self.warm(warmer, out);
     }
 
-    /// How many K a temperature lies above the model's; 0: unknown (NaN) or without effect.
+    /// How many K a temperature lies above the model's; 0: unknown (NaN), not to be believed or without effect.
     pub fn warmer(&self, temperature_c: f64) -> f64 {
         match (&self.temperature_response, self.temperature_c) {
-            (Some(_), Some(reference)) if temperature_c.is_finite() => temperature_c - reference,
+            (Some(_), Some(reference)) if self.believes(temperature_c) => temperature_c - reference,
             _ => 0.0,
         }
+    }
+
+    /// Whether a recorded temperature may be that of the ink: what is far from the model's was recorded in another
+    /// unit, or is a sensor's word for a fault.
+    pub fn believes(&self, temperature_c: f64) -> bool {
+        let off = self.temperature_c.map_or(0.0, |reference| temperature_c - reference);
+        off.abs() <= tuned::REACH_K
     }
 
     /// Writes the expected signal y_hat, N, counts. `temperature_c`: NaN: not recorded.

@@ -14,6 +14,9 @@ pub const AGED: f64 = 1.5;
 /// fault than by its healthy level, so that the fault is over for it: as one signal in 30,000 of a fault at four
 /// standard deviations would be by chance.
 pub const OVER: f64 = 16.0;
+/// How far from the model's temperature, K, its linear effect is asked: heads hold their ink within a few K, and at 25
+/// K an exponential law with 2 % a K lies 11 % off its tangent.
+pub const REACH_K: f64 = 25.0;
 /// Standard deviations of a sudden change that all channels have in common: of ln amplitude; of
 /// ln damping and of ln frequency, in units of ln (1 + their bound in `[identify]`); and of the
 /// phase, rad. A change beyond five of these is no ink.

@@ -16,8 +16,8 @@ use super::dimensions::{Dimensions, dimensions};
 use super::fields::{FieldInfo, Kind, Slot};
 use super::first_message::{FirstMessage, MessageSamples};
 use super::names::{
-    CHANNEL, CHANNELS, COLUMNS, FIRST, Names, PERIOD, PRINTHEAD, RATE, TEMPERATURE, TIME, VOLTAGE,
-    find, has_word, sampling,
+    CHANNEL, CHANNELS, COLUMNS, FIRST, NO_CELSIUS, NO_VOLTS, Names, PERIOD, PRINTHEAD, RATE,
+    TEMPERATURE, TIME, VOLTAGE, find, has_word, sampling,
 };
 use super::plan::{ChannelDescription, Reading, Schema};
 use crate::time_column::is_time;
@@ -115,8 +115,20 @@ impl Guess<'_> {
         self.say_sampling();
         self.say_printhead(varies);
         self.say_time();
-        self.say_named("temperature", &TEMPERATURE, Slot::Temperature, "? in °C");
-        self.say_named("voltage", &VOLTAGE, Slot::Voltage, "? in V");
+        self.say_in_unit("temperature", &TEMPERATURE, Slot::Temperature, ("°C", NO_CELSIUS));
+        self.say_in_unit("voltage", &VOLTAGE, Slot::Voltage, ("V", NO_VOLTS));
+    }
+
+    /// Writes the field that has one of these names, unless its name says another unit (one of the words `others`): a
+    /// dialect has no units, and numbers in another one would be believed.
+    fn say_in_unit(&mut self, key: &str, names: &Names, slot: Slot, (unit, others): (&str, &str)) {
+        match find(self.first.fields, names, slot) {
+            Some(path) if has_word(path.rsplit('.').next().unwrap_or_default(), others) => {
+                let _ = writeln!(self.toml, "# {key}: left out, as {path} is not in {unit}");
+            }
+            Some(path) => self.say(key, &quoted(&path), &format!("? in {unit}")),
+            None => {}
+        }
     }
 
     /// Writes the sample period: a field of a period or of a rate, else a question. A dialect has no unit, so

@@ -37,6 +37,10 @@ pub const TEMPERATURE: Names =
 pub const VOLTAGE: Names =
     Names("drive_voltage_v drive_voltage voltage_v voltage amplitude_v", "voltage volt volts");
 
+/// Words in names of temperatures that are not in degrees Celsius, and of voltages that are not in volts.
+pub const NO_CELSIUS: &str = "f k degf fahrenheit kelvin mk mdegc millicelsius";
+pub const NO_VOLTS: &str = "mv uv kv millivolt millivolts";
+
 /// What a sample period or a rate is called, and units of rates, Hz.
 const OF_PERIOD: [&str; 5] = ["period", "dt", "interval", "spacing", "increment"];
 const OF_RATE: [&str; 5] = ["rate", "fs", "sampling", "sample", "samplerate"];
