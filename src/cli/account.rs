@@ -48,7 +48,7 @@ pub struct Row {
     pub digest: Option<String>,
     /// Number of signals found in the recording, judged or rejected; 0 if it has no verdicts.
     pub signals: u64,
-    /// Whether somebody has acknowledged that it is damaged, and it is not whole: then whatever is wrong with it is no news.
+    /// Whether it is not whole, and somebody has acknowledged that: then whatever is wrong with it is no news.
     pub acknowledged: bool,
 }
 

@@ -179,6 +179,8 @@ pub struct ChangesSince<'a> {
     unjudged: Vec<Unjudged>,
     /// Recordings whose results came since and that are damaged, and how.
     damaged: Vec<Unjudged>,
+    /// Pairs of recordings, one of them since then, that hold the same channels at the same times.
+    overlapping: Vec<&'a [String; 2]>,
 }
 
 /// Something that was not judged since the earlier run, or not whole.
@@ -233,9 +235,11 @@ impl<'a> ChangesSince<'a> {
         let damaged = damaged.filter(|line| !has_results(&line.name));
         let damaged = damaged.map(|line| Unjudged::new(&line.name, &line.flaws)).collect();
         let heads = report.head_changes.iter().filter(|of| !has_results(&of.recording)).collect();
+        let is_since = |of: &&[String; 2]| !of.iter().all(|name| has_results(name));
+        let overlapping = report.overlapping.iter().filter(is_since).collect();
         let known = report.open().filter(|fault| fault.story.known.is_some()).count();
         let again = lines.iter().filter(|line| earlier.is_again(&line.name)).count();
-        Ok(ChangesSince { earlier, changes, again, known, heads, unjudged, damaged })
+        Ok(ChangesSince { earlier, changes, again, known, heads, unjudged, damaged, overlapping })
     }
 
     /// The changes as JSON. `still` is the number of faults that are on as before, `known` of those that are
@@ -253,6 +257,7 @@ impl<'a> ChangesSince<'a> {
             "unjudged": self.unjudged,
             "heads": self.heads.iter().map(|of| head_as_json(of)).collect::<Value>(),
             "damaged": self.damaged,
+            "overlapping": self.overlapping,
         });
         for (key, _, faults) in &self.changes.kinds {
             document[key] = faults.iter().map(|fault| as_json(fault)).collect();
@@ -293,6 +298,13 @@ impl<'a> ChangesSince<'a> {
         };
         list(out, "not judged", self.unjudged.iter().map(line))?;
         list(out, "damaged", self.damaged.iter().map(line))?;
+        let line = |[a, b]: &&[String; 2]| {
+            let [a, b] = [a, b].map(|name| printable::line(name, 200));
+            format!(
+                "{a} and {b}: the same channels at the same times count twice, or a clock was wrong"
+            )
+        };
+        list(out, "overlapping", self.overlapping.iter().map(line))?;
         let no_fault = self.changes.kinds.iter().all(|(.., faults)| faults.is_empty());
         if *recordings > 0 && no_fault && self.heads.is_empty() {
             writeln!(out, "no change, of what was judged")?;

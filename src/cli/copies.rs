@@ -19,18 +19,19 @@ pub struct Table<'a> {
 
 /// For each table, in their order: `None` if it stays, or the sentence to say if it is left out
 /// because another table is of the same recording. Of such tables one that can be read stays. Where they were judged
-/// by another design or other settings, the newest one stays; else the one with the most judged signals, and of
-/// equal ones the oldest: earlier nights were told by its name.
+/// by another design or other settings, one by a design stays, and of these the newest; else the one with the most
+/// judged signals, and of equal ones the oldest: earlier nights were told by its name.
 pub fn left_out(tables: &[Table]) -> Vec<Option<String>> {
     let is_readable = |table: &Table| VerdictReader::open_columns(table.path, &[]).is_ok();
     let made_ns =
         |table: &Table| stored::stamp(table.path).ok().and_then(|stamp| stamp.modified_ns);
     let judged = |table: &Table| table.document["counts"]["judged"].as_u64().unwrap_or_default();
     let by = |table: &Table| ["design", "settings"].map(|of| table.document[of].clone());
+    let has_design = |table: &Table| table.document["design"].is_string();
     let is_better = |this: &Table, that: &Table| {
         let by_age = match by(this) == by(that) {
             true => judged(this).cmp(&judged(that)).then(made_ns(that).cmp(&made_ns(this))),
-            false => made_ns(this).cmp(&made_ns(that)),
+            false => (has_design(this), made_ns(this)).cmp(&(has_design(that), made_ns(that))),
         };
         is_readable(this).cmp(&is_readable(that)).then(by_age).is_gt()
     };

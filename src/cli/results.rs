@@ -107,13 +107,16 @@ struct Unread<'a> {
 
 /// What is read of one table after another.
 enum Read {
-    Rows {
-        columns: VerdictColumns,
-        classes: Vec<String>,
-        categories: Vec<String>,
-    },
+    Rows(Box<Rows>),
     /// The table was read to its end, or it was not, and why.
     End(Result<(), String>),
+}
+
+/// Some rows, with the names to which the indices in their columns refer.
+struct Rows {
+    columns: VerdictColumns,
+    classes: Vec<String>,
+    categories: Vec<String>,
 }
 
 /// Reads the results of all tables into a report. A table that cannot be read is left out and noted
@@ -256,9 +259,10 @@ fn count_all(
         for Unread { recording, key, mut counts, mut clocks, .. } in recordings {
             let end = loop {
                 match receive.recv() {
-                    Ok(Read::Rows { mut columns, classes, categories }) => {
-                        clocks.put_rows_right(&mut columns);
-                        counts.add(&columns, Names { classes: &classes, categories: &categories });
+                    Ok(Read::Rows(mut rows)) => {
+                        clocks.put_rows_right(&mut rows.columns);
+                        let (classes, categories) = (&rows.classes, &rows.categories);
+                        counts.add(&rows.columns, Names { classes, categories });
                     }
                     Ok(Read::End(end)) => break end,
                     Err(_) => return Ok(()), // interrupted
@@ -296,7 +300,8 @@ fn read_one(file: &Path, control: &Control, send: &SyncSender<Read>) -> Result<(
         let columns = columns?;
         control.signals.fetch_add(columns.len() as u64, Ordering::Relaxed);
         let (classes, categories) = (verdicts.classes().to_vec(), verdicts.categories().to_vec());
-        let sent = send.send(Read::Rows { columns, classes, categories });
+        let rows = Box::new(Rows { columns, classes, categories });
+        let sent = send.send(Read::Rows(rows));
         if sent.is_err() || control.interrupted() {
             return Ok(()); // nobody counts any more
         }

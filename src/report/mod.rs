@@ -123,6 +123,8 @@ pub struct Report {
     pub faults: Vec<Fault>,
     /// Sentences that the reader should know before anything is cleaned.
     pub notes: Vec<String>,
+    /// Pairs of recordings, by name, that hold the same channels at the same times; `notes` has some.
+    pub overlapping: Vec<[String; 2]>,
     /// What happened to whole printheads, the newest first.
     pub head_changes: Vec<HeadChange>,
     /// What was judged, and what was not.
@@ -168,7 +170,20 @@ impl Report {
         recordings.sort_by_cached_key(|line| (line.span.map(|span| span.0), line.name.clone()));
         let drift = drift::points(sources);
         let head_changes = head_changes::of(&recordings, sources);
-        Report { recordings, faults, notes, head_changes, coverage, false_alarms, drift, survey }
+        let name = |recording: usize| sources[recording].name.clone();
+        let pairs = notes::overlapping_recordings(&survey).into_iter();
+        let overlapping = pairs.map(|(a, b)| [name(a), name(b)]).collect();
+        Report {
+            recordings,
+            faults,
+            notes,
+            overlapping,
+            head_changes,
+            coverage,
+            false_alarms,
+            drift,
+            survey,
+        }
     }
 
     /// The last faults of channels that are healthy again and need no cleaning.

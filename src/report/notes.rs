@@ -49,11 +49,8 @@ fn at_once(head: &Head, faults: &[Fault]) -> Option<String> {
 
 /// The note about recordings that seem to hold the same channels at the same time.
 fn overlaps(survey: &Survey, sources: &[Source]) -> Option<String> {
-    let of_heads = survey.heads.iter().map(overlapping).filter(|pairs| !pairs.is_empty());
-    let of_heads: Vec<Vec<(usize, usize)>> = of_heads.collect();
-    let mut pairs = of_heads.concat();
-    pairs.sort_unstable();
-    pairs.dedup();
+    let heads = survey.heads.iter().filter(|head| !overlapping(head).is_empty()).count();
+    let pairs = overlapping_recordings(survey);
     let name = |k: usize| sources.get(k).map_or("", |source| source.name.as_str());
     let both = |&(a, b): &(usize, usize)| format!("{} and {}", name(a), name(b));
     let named: Vec<String> = pairs.iter().take(MOST_NAMED).map(both).collect();
@@ -65,10 +62,18 @@ fn overlaps(survey: &Survey, sources: &[Source]) -> Option<String> {
         format!(
             "Recordings overlap in time on {}: {}{more}. What two of them hold counts twice; or a clock \
              was wrong.",
-            counted(of_heads.len() as u64, "printhead"),
+            counted(heads as u64, "printhead"),
             named.join(", ")
         )
     })
+}
+
+/// Pairs of recordings, by their indices, that overlap on any printhead.
+pub fn overlapping_recordings(survey: &Survey) -> Vec<(usize, usize)> {
+    let mut pairs: Vec<(usize, usize)> = survey.heads.iter().flat_map(overlapping).collect();
+    pairs.sort_unstable();
+    pairs.dedup();
+    pairs
 }
 
 /// Pairs of recordings of a printhead, by their indices, that overlap in time and in the range of channels that

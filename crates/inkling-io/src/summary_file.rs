@@ -14,8 +14,9 @@ use std::path::{Path, PathBuf};
 
 /// The models of a long recording and all damage that a summary lists take less.
 const MOST_BYTES: u64 = 64 << 20;
-const OF_RECORDING: [&str; 9] = [
+const OF_RECORDING: [&str; 10] = [
     "recording",
+    "design",
     "counts",
     "expected",
     "classes",

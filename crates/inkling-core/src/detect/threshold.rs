@@ -80,7 +80,7 @@ impl Threshold {
         Some(format!(
             "a window of {} signals of {} channels supports the stated rate of false alarms only with a \
              threshold {widened:.1} times as far out: slight faults may pass; a longer window \
-             (identify.first, and identify.every no shorter) or a design says more",
+             (identify.first) or a design says more",
             self.n_signals, self.n_channels
         ))
     }
