@@ -127,7 +127,7 @@ fn counts_of_other_verdicts_or_damaged_ones_are_made_anew() {
     house.write("out/.a.counts", &counts);
     assert_eq!(told(), whole);
     // the table of another recording in the place of this one's
-    house.write("out/a.verdicts.parquet", &house.read("out/b.verdicts.parquet"));
+    house.write("out/a.verdicts.parquet", house.read("out/b.verdicts.parquet"));
     let other = told();
     assert_ne!(other, whole);
     house.remove("out/.a.counts");
