@@ -17,7 +17,7 @@ use serde_json::{Value, json};
 use std::io::{self, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
-/// To be raised whenever verdicts would be counted otherwise.
+/// To be raised whenever verdicts would be counted otherwise within one version of inkling.
 const VERSION: u32 = 1;
 /// Most bytes that are read.
 const MOST_BYTES: u64 = 256 << 20;
@@ -42,7 +42,14 @@ impl Key {
         };
         let footer = footer(verdicts).map_err(FileError::unread(verdicts))?;
         let times = &document["wrong_times"];
-        let all = json!([VERSION, stored::bytes(verdicts), of_bytes(&footer), episodes, times]);
+        let all = json!([
+            env!("CARGO_PKG_VERSION"),
+            VERSION,
+            stored::bytes(verdicts),
+            of_bytes(&footer),
+            episodes,
+            times
+        ]);
         let name = name.to_string_lossy();
         let stem = name.strip_suffix(".verdicts.parquet").unwrap_or(&name);
         let path = verdicts.with_file_name(format!(".{stem}.counts"));
