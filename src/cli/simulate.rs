@@ -1,9 +1,9 @@
 //! `inkling simulate`: writes simulated recordings and their truth.
 //!
 //! In: a scenario file and a seed. Out: the scenario's recordings and `labels.csv`, which says what
-//! is true of their channels; the same seed gives the same bytes. With `--hide` instead one healthy
-//! recording with an effect that the model does not know, whose truth is sealed (`hide`): critiques
-//! are tested by it. The signals are made by `inkling_lab::simulate`; here they are written.
+//! is true of their channels; the same seed gives the same bytes. With `--hide` it writes one print run instead, in
+//! which an effect is hidden that the model does not know, or none, and seals its truth (`hide`): critiques are tested
+//! with it. The signals are made by `inkling_lab::simulate`; here they are written.
 
 use super::exit::{Exit, Failure, unless_reader_gone};
 use super::progress::{interruptible, steps, thousands};
@@ -114,8 +114,8 @@ fn write(
 }
 
 /// Writes a recording in which something is hidden, and its sealed truth: the directory `sealed`
-/// with truth and labels, and beside the recording a salted digest of the truth, by which a later
-/// change would show. `seed` decides what is hidden.
+/// with truth and labels, and beside the recording a salted digest of the truth, so that a later change of it
+/// shows. `seed` decides what is hidden.
 fn hide(args: &Args, scenario: &Scenario, seed: u64) -> Result<Exit, Failure> {
     let wrong = |what: &str| Failure::usage(format!("{}: {what}", args.scenario.display()));
     let Kind::Physics(physics) = &scenario.kind else {
@@ -132,10 +132,9 @@ fn hide(args: &Args, scenario: &Scenario, seed: u64) -> Result<Exit, Failure> {
     let files = std::iter::once((&*name, ResultFile::Recording)).chain(beside);
     outputs::check_files(&args.out, files)?;
 
-    // The recording comes first: until it is whole, an earlier recording stays, with the seal that
-    // belongs to it. And by a recording that is there the next run knows that the other files are
-    // those of an earlier run. If the run ends in between, the truth is not lost, as it follows
-    // from the seed alone.
+    // The recording comes first. Until it is whole, an earlier recording stays, with its own seal. If the run ends
+    // right after it, the next run may write the other files: `check_files` takes companions for ours where a recording of
+    // ours lies beside them. What is hidden is not lost then, as it follows from the seed.
     let sealed = args.out.join("sealed");
     let digest = args.out.join("truth.sha256");
     write(hidden.recording, &args.out, &interruptible(), &mut out)?;

@@ -1,8 +1,9 @@
 //! The account of all recordings: everything that is told of them, as one document, `account.json`
 //! (`schemas/account.md`). Page, terminal and mail put the same [`Report`] into words.
 //!
-//! In: a [`Report`]. Out: JSON. Each statement says as of when it holds, on how many signals it rests, and in
-//! which rows these stand.
+//! In: a [`Report`]. Out: an [`Account`], which serialises to JSON. Each statement says, where that is known, as of
+//! when it holds, on how many signals it rests, and in which rows these stand. Only words and names are chosen here: no
+//! figure is computed but sums.
 
 use super::coverage::Gap;
 use super::fault::{Fault, instead_in_words, is_named_now};
@@ -30,7 +31,8 @@ pub struct Account<'a> {
     signals: Signals,
     recordings: Vec<Recording<'a>>,
     printheads: Vec<Printhead<'a>>,
-    /// What is told, in the order in which it is told.
+    /// What is told, in the order in which it is told: what was not judged, what happened to printheads, notes, and faults,
+    /// the most urgent first, as the report has them.
     statements: Vec<Statement<'a>>,
 }
 
@@ -69,7 +71,7 @@ enum Kind {
     NotJudged,
     /// A recording without verdicts.
     Lost,
-    /// What happened to a printhead, or to what one of its channels is.
+    /// All channels of a printhead moved together, it is another one, or one of its channels was replaced.
     HeadChange,
     /// What the reader should know before anything is cleaned.
     Note,

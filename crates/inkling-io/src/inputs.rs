@@ -19,14 +19,14 @@ use std::path::{Component, Path, PathBuf};
 use thiserror::Error;
 use walkdir::WalkDir;
 
-/// Why a name means no file, or why two files cannot be judged together.
+/// Why a name means no file.
 #[derive(Debug, Error)]
 #[error("{message}")]
 pub struct InputsError {
     pub subject: String,
     message: String,
-    /// Whether the name itself is wrong. A directory or a pattern that matches nothing is not,
-    /// unless the directory that the pattern begins with is missing.
+    /// Whether the name itself is wrong: nothing is there, or it is no pattern. It is not where a directory is empty, or a
+    /// pattern fits nothing in a directory that is there.
     pub is_usage: bool,
 }
 
@@ -59,7 +59,7 @@ impl InputsError {
 pub struct Input {
     pub path: PathBuf,
     /// The file's directory relative to the directory that was searched or that the pattern begins
-    /// with; empty if the file itself was named. The layout `tree` keeps this path.
+    /// with; empty if the file itself was named. Results of `output.layout = "tree"` have this path, too.
     pub below: PathBuf,
 }
 
@@ -144,7 +144,7 @@ fn find_one(name: &str, ending: &str) -> Result<FoundInputs, InputsError> {
         return find_objects(name, ending);
     }
     if path.is_dir() {
-        // macOS keeps the attributes of `a.mcap` in `._a.mcap` on disks of others
+        // macOS keeps the attributes of `a.mcap` in `._a.mcap` on file systems that have none
         let is_attributes =
             |p: &Path| p.file_name().is_some_and(|name| name.as_encoded_bytes().starts_with(b"._"));
         let looked_at =

@@ -3,10 +3,16 @@
 //! In: bursts in the recording's order, from the identify stage ([`Judges::of`]). Out: the judge of each, or why it
 //! has none; for the metadata the models that judge, by number, and the windows that gave none.
 //!
-//! Where the design knows a printhead, its model judges. Where it does not, or where windows are asked for, the
-//! printhead's first healthy window is averaged and identified (thesis 3-1 and Fig. 3-2) before its first burst is
-//! judged: this stage reads on by itself as far as the window reaches (`windows`), while the stages wait. What
-//! changes afterwards (ink, supply, ageing) is followed by the state of the head alone (`head`).
+//! | | the design knows the printhead | it does not, or there is none |
+//! |---|---|---|
+//! | `--identify design` | its model | the design's pooled model, if the first window agrees with it; without a design the window's |
+//! | `--identify windows` | the first window's model; the design's where the window gives none | the first window's model |
+//!
+//! The first healthy window of a printhead is averaged and identified (thesis 3-1 and Fig. 3-2) before its first burst
+//! is judged: this stage reads on by itself as far as the window reaches (`windows`; `survey` and `sample` say where
+//! windows lie and which signals are taken, `healthy_window` makes the model), while the later stages wait. It has a
+//! reader of its own, so nothing that waits for it keeps it from going on. What changes afterwards (ink, supply, ageing)
+//! is followed by the state of the head alone (`pipeline::head`).
 
 mod healthy_window;
 mod sample;
@@ -26,7 +32,7 @@ use std::collections::{BTreeMap, HashMap};
 use std::sync::Arc;
 use windows::{Ahead, Learned};
 
-/// A window that gave no model, and why; it stands in summary.json and is told on the terminal.
+/// A window whose model does not judge, and why; it stands in summary.json and is told on the terminal.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Refusal {
     pub printhead: String,
@@ -38,6 +44,7 @@ pub struct Refusal {
     pub drifted: bool,
 }
 
+/// Who judges a group, or why its signals are rejected. (`Result<Judged>` is an error where the run cannot go on.)
 type Judged = Result<Arc<Judge>, Reason>;
 
 #[derive(Debug)]
@@ -48,8 +55,8 @@ pub struct Judges<'a> {
     judges: Vec<Option<Judged>>,
     /// What is known of groups that were learned together with another one, and not asked for yet.
     ahead: HashMap<GroupKey, Judged>,
-    /// The models, by number: the design's first, then those of windows, with the drive voltage, V, at which each
-    /// expects its signals.
+    /// The models, by number: the design's first and in its order (`of_design` relies on that), then those of windows,
+    /// with the drive voltage, V, at which each expects its signals; `None`: none was recorded.
     models: Vec<(Arc<HealthyModel>, Option<f64>)>,
     pub refusals: Vec<Refusal>,
     /// Sample period, s, and samples of the first burst of each printhead that does not fit the design.
@@ -75,7 +82,7 @@ impl<'a> Judges<'a> {
     /// The judge of a burst, or why it is rejected. `number`: of its group among `groups`; `read`: its batch.
     ///
     /// # Errors
-    /// The recording cannot be read on, the run is interrupted, or of a model no judge can be made.
+    /// The recording cannot be read on, the run is interrupted, or no judge can be made of a model.
     pub fn of(
         &mut self,
         number: usize,
@@ -110,7 +117,7 @@ impl<'a> Judges<'a> {
         Ok(self.ahead.remove(&key).unwrap_or(Err(self.replay.nobody())))
     }
 
-    /// Learns the groups that begin with this batch, and enters their judges into `ahead`.
+    /// Learns the groups that begin in what is read ahead from this batch on, and enters their judges into `ahead`.
     fn learn(&mut self, groups: &Groups, read: &ReadBatch) -> Result<()> {
         let ahead = Ahead::of(self.pass, self.replay.workers(), read);
         let is_new = |burst: &Burst, key: &GroupKey| {
@@ -129,6 +136,7 @@ impl<'a> Judges<'a> {
             };
             self.ahead.insert(key, judge);
         }
+        // the same list for any number of threads
         let order = |of: &Refusal| (of.printhead.clone(), of.from_ns, of.to_ns, of.why.clone());
         self.refusals.sort_by_cached_key(order);
         Ok(())
@@ -201,7 +209,7 @@ impl Replay {
         self.design.is_some() && self.settings.identify.mode == IdentifyMode::Design
     }
 
-    /// Whether the group of a burst, which fits the design, is judged by what its window gives.
+    /// Whether the group of a burst is judged by what its window gives. The burst must fit the design ([`Self::fits`]).
     fn needs_window(&self, burst: &Burst) -> bool {
         let known =
             |printhead| self.design.as_ref().is_some_and(|of| of.model_of(printhead).is_some());

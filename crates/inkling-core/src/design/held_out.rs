@@ -1,13 +1,15 @@
-//! Review of a design by the labelled signals of its classes: as the design judges them, and as
-//! designs judge them that were learned without them (cross-validation).
+//! Judges the labelled signals of each class twice: by the design itself, and by designs that were learned without
+//! these signals (cross-validation).
 //!
 //! In, from `inkling train`: a design and the signals that it was trained on. Out: a
 //! [`ClassReview`] per labelled class: how many of its signals are flagged, how many are named, and
 //! what the others would be called instead. `train` prints it, and refuses a design with a class
 //! that would hardly be named.
 //!
-//! The cross-validation has two folds, divided by channel. For each, classes, posterior and bounds
-//! are learned again from the other. Healthy models, filter and physics stay those of all signals.
+//! The cross-validation has two folds, divided by channel, since signals of one channel are alike and would give the
+//! answer away. (A class with a single channel is divided signal by signal.) Each fold is judged by classes, posterior and
+//! bounds of what is typical that were learned from the other one. Healthy models, filter and physics stay those of all
+//! signals: they know no labels of faults.
 
 use super::train::{learn_classes, learn_posterior};
 use super::{
@@ -21,7 +23,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::{Arc, OnceLock};
 
 const FOLDS: usize = 2;
-/// At most so many signals of a class and printhead are judged.
+/// At most so many signals of a class and printhead are judged, the first ones.
 const MOST_SIGNALS: usize = 1024;
 
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -47,7 +49,7 @@ pub struct ClassReview {
     pub trained_on: Judged,
     /// Flagged signals of other classes that are most like this one, by their true class.
     pub taken_in: BTreeMap<String, usize>,
-    /// By designs that were learned without them; empty where the class could not be learned so.
+    /// By designs that were learned without them; of the folds from which the class could be learned.
     pub held_out: Judged,
 }
 
@@ -61,7 +63,8 @@ impl Judged {
         most(&self.named, class)
     }
 
-    /// Judges one more signal by its deviation, N, counts. `names`: those of the judge's classes.
+    /// Judges one more signal and counts what comes of it. `deviation`: N samples, counts; `drive`: over the model's
+    /// reference drive; `names`: those of the judge's classes.
     fn count(
         &mut self,
         judge: &Judge,
@@ -87,15 +90,15 @@ impl Judged {
     }
 }
 
-/// The name with the largest count, and that count, but for one name.
-fn most<'a>(counts: &'a BTreeMap<String, usize>, but: &str) -> Option<(&'a str, usize)> {
-    let others = counts.iter().filter(|(name, _)| *name != but);
+/// The name with the largest count, except one name, and that count.
+fn most<'a>(counts: &'a BTreeMap<String, usize>, except: &str) -> Option<(&'a str, usize)> {
+    let others = counts.iter().filter(|(name, _)| *name != except);
     others.max_by_key(|(_, n)| **n).map(|(name, n)| (name.as_str(), *n))
 }
 
 impl ClassReview {
-    /// Why hardly a signal of the class would be named; `None`: some would, or few signals tell. Only labels
-    /// know the class, and not even of the signals that it was learned from one in ten gets its name.
+    /// Why hardly a signal of the class would be named; `None`: some would, or few signals tell. It is so where only
+    /// labels know the class, and fewer than one in ten ([`LITTLE`]) of the signals that it was learned from gets its name.
     pub fn why_hardly_named(&self) -> Option<String> {
         let Judged { signals, detected, no_ring, ref most_like, .. } = self.trained_on;
         let named = self.trained_on.named(&self.name);
@@ -111,10 +114,10 @@ impl ClassReview {
                  rings; such signals are told as `no_ring`, the sensor's or the acquisition's"
             )
         } else {
-            // Signals that are most like their own class will be named when more are labelled.
             let (like, n) = most(most_like, &self.name)?;
-            // Two names for one fault take each other's signals, so both directions are counted: some,
-            // and a quarter of the flagged ones (somewhat arbitrary).
+            // Two names for one fault take each other's signals, so both directions are counted: at least `FEW`, and as
+            // many as a quarter of the flagged ones (somewhat arbitrary). With fewer the signals are most like their own
+            // class, and will be named when more are labelled.
             let back = self.taken_in.get(like).copied().unwrap_or(0);
             if n + back < FEW || 4 * (n + back) < detected {
                 return None;
@@ -190,7 +193,7 @@ impl Design {
         let learned = learn_classes(&design, set, isolate, settings, &mut Vec::new());
         let is_known = |name: &str| isolate.physics.law(name).is_some();
 
-        // A class that the physics or a declaration knows stays without labelled signals as it was.
+        // A class that the physics or a declaration knows stays as it was, also without labelled signals.
         design.classes.retain(|class| {
             is_known(&class.name) || !class.of.is_empty() || set.faulty.contains_key(&class.name)
         });

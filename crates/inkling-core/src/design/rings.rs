@@ -1,8 +1,9 @@
-//! Rings about a model's own ring: fits of rings to signals, and what signals hold beside them.
+//! Fits ring-downs to a printhead's signals, and says what a ring does not explain of them.
 //!
-//! In: a healthy model, and signals of its printhead. Out: a fitter of rings whose features (ln
-//! amplitude, ln damping, ln frequency, phase) are relative to the model's ring; the features of
-//! each signal that a ring fits; and a signal's misfit beside its ring.
+//! In: a healthy model, and signals of its printhead. Out: a fitter whose features (ln amplitude, ln damping, ln
+//! frequency, phase in rad) are relative to the model's ring; the features of each signal that can be fitted, the
+//! others are left out; and a signal's *misfit*: the signal less its ring and less what all healthy signals have
+//! beside theirs (the *leftover*).
 
 use super::{HealthyModel, Result};
 use crate::identify::SignalSet;
@@ -12,17 +13,19 @@ use crate::model::ring::Ring;
 use crate::model::ring_fit::{Features, FitBuffers, RingFitter};
 use nalgebra::Vector4;
 
+/// What fits rings to signals and takes them off.
 #[derive(Clone, Debug)]
 pub(super) struct Rings {
     pub fitter: RingFitter,
     pub beside: BesideRing,
-    /// The part of every healthy signal beside its ring, N, counts; empty: there is none.
+    /// The mean misfit of healthy signals, N, counts per unit drive at the amplitude of the model's ring; empty: none is
+    /// known.
     pub leftover: Vec<f64>,
 }
 
 impl Rings {
-    /// The misfit of a signal beside its ring, N, counts per unit drive, without the leftover. `y`:
-    /// the signal per unit drive, N, counts; `at`: the features of its fitted ring.
+    /// The misfit of a signal, N, counts per unit drive, without the leftover, which grows with the ring. `y`: the
+    /// signal per unit drive, N, counts; `at`: the features of its fitted ring, relative to the model's.
     pub fn misfit(&self, y: &[f64], at: &Features) -> Vec<f64> {
         let mut misfit = self.beside.misfit(&self.fitter, y, at);
         let amplitude = at.ln_amplitude.exp();
@@ -47,9 +50,10 @@ impl HealthyModel {
         Ok(Rings { fitter: self.fitter()?, beside, leftover: self.leftover.clone() })
     }
 
-    /// Index and features of every signal of a set that a ring fits (the phase free), corrected to
-    /// the model's temperature. The ring is fitted at the signal's own temperature, since
-    /// temperature shifts features alike, and signals not.
+    /// Index and features (ln amplitude, ln damping, ln frequency, phase) of every signal of a set that can be fitted
+    /// (`true`: with its phase free), corrected to the model's temperature. A kelvin shifts the features of all signals
+    /// by the same amount, but not their samples. So the ring is fitted to the signal at its own temperature, which
+    /// `per_drive` gives back to the deviation, and the features are corrected.
     pub(super) fn fitted(&self, set: &SignalSet) -> Result<Vec<(usize, Vector4<f64>)>> {
         let fitter = self.fitter()?;
         let per_k = self.features_per_k(&fitter);

@@ -1,22 +1,24 @@
 //! Residual matching: the mixture of known signatures that is nearest to a residual. thesis §3-3-2.
 //!
-//! In: the signatures R (N x n_f, [`SignatureMatrix`]) once, then c = R^T r per signal, n_f
-//! numbers, counts². Out: phi, n_f weights, which minimises |R phi - r| subject to sum phi = 1, phi
-//! >= 0. phi is a mixture weight, not a probability.
+//! In: the signatures R (N samples x n_f classes, [`SignatureMatrix`]) once, then c = R^T r per signal, n_f
+//! numbers, counts²; of the residual r nothing else is needed. Out: phi, n_f weights, which minimises |R phi - r|
+//! subject to sum phi = 1, phi >= 0. phi is a mixture weight, not a probability.
 //!
-//! Up to a constant, half the squared distance is q(phi) = 1/2 phi' G phi - c' phi with G = R^T R.
-//! q is minimised by an exact primal active-set method (Lawson and Hanson 1974 with an equality; on
-//! the Gram matrix it is Wolfe's nearest point, 1976). The *support* is the set of classes with a
-//! weight; their signatures are affinely independent. The steps:
+//! Up to a constant, half the squared distance is q(phi) = 1/2 phi^T G phi - c^T phi with G = R^T R.
+//! q is minimised by an exact primal active-set method: non-negative least squares (Lawson and Hanson 1974) with the
+//! further constraint that the sum is 1, which is Wolfe's nearest point of a polytope (1976). A signal's weights then do
+//! not depend on where a search was stopped. The *support* is the set of classes with a weight; its signatures are kept
+//! affinely independent (`Search::settle`). The steps:
 //!
 //! 1. Start at the nearest single signature.
-//! 2. Gradient G phi - c, whose entries on the support are equal at a minimum. The class with the
-//!    lowest other entry enters; if none is lower than on the support, phi is the solution.
+//! 2. Gradient G phi - c, whose entries on the support are equal at a minimum (to the Lagrange multiplier of the sum).
+//!    The class with the lowest other entry enters; if none is lower than on the support, phi is the solution.
 //! 3. Minimise q over the affine hull of the support (`Search::settle`): go towards the minimum
 //!    until a weight becomes 0, drop that class, and repeat until the minimum itself is reached. Go
 //!    on with step 2.
 //!
-//! Every step lowers q, so no support comes back and the search ends; it allocates nothing.
+//! But for rounding, which `run` bounds, every step lowers q, so no support comes back and the search ends. It allocates
+//! nothing.
 
 use super::{MAX_CLASSES, SignatureMatrix};
 
@@ -35,7 +37,7 @@ pub struct Simplex {
     n: usize,
     /// Gram matrix of the centred signatures over `scale`, n x n.
     gram: Vec<f64>,
-    /// (rho_i - mean) . mean, which centring subtracts from c, counts².
+    /// (column i of R - mean) . mean, which centring subtracts from c, counts².
     shift: Vec<f64>,
     /// Largest squared norm of a centred signature, counts²; 1 if all signatures are equal.
     scale: f64,
@@ -111,12 +113,12 @@ impl<'a> Search<'a> {
     fn run(mut self, out: &mut [f64]) {
         let n = self.problem.n;
         let size = 1.0 + self.b[..n].iter().fold(0.0, |m: f64, b| m.max(b.abs()));
-        // Classes that entered and left again without a step, which is rounding and no descent, do
-        // not enter again until some step was made.
+        // Classes that entered and were dropped again before phi had moved, which is rounding and no descent, do not
+        // enter again until it has.
         let mut barred = [false; MAX_CLASSES];
         // the bound on the number of rounds is for rounding alone
         for _ in 0..20 * n {
-            // gradient of q, and its mean over the support
+            // gradient of q, and its mean over the support, weighted by phi
             let mut gradient: Row = [0.0; MAX_CLASSES];
             for (j, g) in gradient[..n].iter_mut().enumerate() {
                 let product: f64 = self.support[..self.size]
@@ -150,7 +152,8 @@ impl<'a> Search<'a> {
     }
 
     /// Minimises over the affine hull of the support, dropping classes whose weight would become
-    /// negative. `gradient`: at the phi from which it starts. Returns whether phi has moved.
+    /// negative. `gradient`: at the phi from which it starts; along a dependence its slope is the same at every phi.
+    /// Returns whether phi has moved.
     fn settle(&mut self, gradient: &Row) -> bool {
         let mut moved = false;
         while self.size > 1 {
@@ -175,7 +178,7 @@ impl<'a> Search<'a> {
                 }
             }
             if !reach.is_finite() {
-                // only rounding leads here: the last class to enter leaves
+                // this happens by rounding alone: the last class to enter leaves
                 blocking = Some(self.size - 1);
                 reach = 0.0;
             }
@@ -212,7 +215,8 @@ impl<'a> Search<'a> {
                 if q < p {
                     self.factor[row + q - 1] = rest / self.factor[other + q - 1];
                 } else {
-                    // relative to the signatures, too, since their rounding is no pivot
+                    // Relative to the signatures, too: of two that nearly coincide the difference is rounding, five
+                    // units in the last place of their squares, and no pivot.
                     let size = whole.max(1e-4 * (g(s[p], s[p]) + g(o, o)));
                     if rest.is_nan() || rest <= DEPENDENT * size {
                         return Some(p);

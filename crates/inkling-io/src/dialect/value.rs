@@ -116,8 +116,8 @@ impl Number {
         }
     }
 
-    /// The number as a whole number; `None` where it has a fraction, or is a float of magnitude
-    /// 1e18 or more, where f64 is far from exact.
+    /// The number as a whole number; `None` where it has a fraction, or is a float of magnitude 1e18 or more. So a time
+    /// in ns since 1970 that was written as a float, and is rounded to 256 ns, is refused, and one in µs is not.
     pub fn integer(self) -> Option<i128> {
         match self {
             Number::Integer(i) => Some(i),
@@ -126,14 +126,15 @@ impl Number {
     }
 }
 
-/// Most bytes that are gathered, those of the largest burst.
+/// Most bytes after which nothing more is gathered, those of the largest burst. Where its last number makes float32 of
+/// all, they are twice as many.
 const MOST_GATHERED_BYTES: usize = 256 << 20;
 
 /// Samples as a burst has them.
 pub struct Samples {
     pub bytes: Bytes,
     pub format: Format,
-    /// Whether there were more than the bound allows. Not all of those are kept.
+    /// Whether there were more than the bound allows; then `bytes` may lack some, and are not to be used.
     pub too_many: bool,
 }
 
@@ -143,12 +144,12 @@ pub struct Samples {
 pub struct Gathered {
     bytes: Vec<u8>,
     format: Format,
-    /// Whether there were more numbers than the bound allows. Not all of those are kept.
+    /// Whether there were more numbers than the bound allows; then not all are kept.
     too_many: bool,
 }
 
 impl Gathered {
-    /// `None` where another value stands among the numbers.
+    /// `None` where something that is no number stands among them.
     pub fn of(numbers: impl Iterator<Item = Option<f64>>) -> Option<Gathered> {
         let mut all = Gathered::default();
         for x in numbers {
