@@ -11,6 +11,7 @@ use super::progress::complain;
 use super::report_page::ACCOUNT_NAME;
 use crate::report::{ACKNOWLEDGED_COLUMNS as COLUMNS, Acknowledged, acknowledged_time, clock};
 use clap::ArgGroup;
+use inkling_core::state::Replaced;
 use inkling_io::file_error::FileError;
 use inkling_io::journal::{self, Journal};
 use inkling_io::regular_file::{self, if_there};
@@ -88,7 +89,10 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     } else if let Some(account) = account(&args.out) {
         warn_of_the_unknown(&account, printhead, channel, args.known.is_some());
     }
-    if let Some(of) = checked.replaced.iter().find(|of| Some(of.from_ns) > now_ns()) {
+    // where the clock here is behind that of the recordings, these say what is still to come
+    let heard_ns = account(&args.out).and_then(|of| latest_ns(&of));
+    let is_to_come = |of: &&Replaced| Some(of.from_ns) > now_ns().max(heard_ns);
+    if let Some(of) = checked.replaced.iter().find(is_to_come) {
         let from = clock(of.from_ns);
         complain(&format!("warning: {from} is still to come: until then nothing is changed by it"));
     }
@@ -120,6 +124,11 @@ fn now_ns() -> Option<i64> {
 fn account(out: &Path) -> Option<Value> {
     let text = regular_file::read(&out.join(ACCOUNT_NAME), MOST_ACCOUNT_BYTES).ok()?;
     serde_json::from_slice(&text).ok()
+}
+
+/// The time of the latest signal that an account tells of, ns since 1970.
+fn latest_ns(account: &Value) -> Option<i64> {
+    acknowledged_time("as_of", account["as_of"].as_str()?).ok()?
 }
 
 /// Warns where nothing is told of a printhead or of a channel, since its name is most likely misspelt. The line
@@ -167,7 +176,11 @@ fn cells(args: &Args) -> Result<[String; COLUMNS.len()], Failure> {
         Ok::<_, Failure>(ns.map_err(Failure::usage)?.map_or(String::new(), clock))
     };
     let until = match (what, &args.until) {
-        ("known", None) => journal::now(),
+        // where the clock here is behind that of the recordings, these say what now is
+        ("known", None) => match account(&args.out).and_then(|of| latest_ns(&of)) {
+            Some(heard_ns) if Some(heard_ns) >= now_ns() => clock(heard_ns + 1_000_000_000),
+            _ => journal::now(),
+        },
         (_, until) => time("--until", until)?,
     };
     let cells =
