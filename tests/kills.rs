@@ -106,6 +106,32 @@ fn a_state_waits_a_night_for_a_recording_whose_tables_cannot_be_written_and_judg
     assert!(left(&house) == undisturbed);
 }
 
+/// By other settings all is judged again, and the state, which rests on these recordings alone, with them: as if for the
+/// first time, wherever that is killed. One that has learned from others, too, stays, and is taught nothing.
+#[test]
+fn what_a_state_rests_on_alone_is_judged_again_from_the_begin() {
+    const OTHER: &str = "rec --baseline own.json --set isolate.certainty=0.9";
+    let house = three_nights();
+    house.replay(OTHER).exits(0);
+    let (reference, own) = left(&house);
+    for kill in 0..6 {
+        house.remove("out");
+        house.remove("own.json");
+        house.replay("rec --baseline own.json").exits(0);
+        let mut child = start(&house, &format!("replay {OTHER}"));
+        reach(&house, &mut child, 2 * kill);
+        child.kill().unwrap();
+        child.wait().unwrap();
+        house.replay(OTHER).exits(0);
+        assert!(left(&house) == (reference.clone(), own.clone()), "kill {kill}");
+    }
+    house.record("later.mcap", &on_day(3, 10));
+    house.replay_to("elsewhere", "later.mcap --baseline own.json").exits(0);
+    let taught = house.read("own.json");
+    house.replay("rec --baseline own.json").exits(0).says("taught it nothing");
+    assert!(house.read("own.json") == taught);
+}
+
 #[test]
 fn a_state_passes_over_a_recording_that_fails_again_and_goes_on() {
     let house = three_nights();

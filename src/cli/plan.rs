@@ -101,6 +101,16 @@ pub fn sweep(jobs: &[Job], out: &Path) {
     }
 }
 
+/// Recordings in the order that baselines need.
+#[derive(Default)]
+pub struct Chained {
+    pub jobs: Vec<Job>,
+    /// The recording, if any, whose place is not known tonight.
+    pub waits_for: Option<String>,
+    /// Whether the baselines begin anew with the first recording that is judged.
+    pub is_anew: bool,
+}
+
 /// Decides what is to be done with recordings.
 pub struct Planner<'a> {
     /// Whether the printheads of recordings are looked up: for a judge that hands recordings out to
@@ -132,13 +142,12 @@ impl Planner<'_> {
     /// Orders the recordings by when they begin, since each is judged by the baselines that the recordings before
     /// it left. If one is to be judged again and the baselines of its turn are there, all recordings after it are,
     /// too; if they are not, it teaches nothing. What is refused, cannot be read or has no time comes last, and
-    /// teaches nothing either. `baselines`: digest of the baseline file; `None`: there is none yet. Also gives
-    /// the recording, if any, whose place is not known tonight.
+    /// teaches nothing either. `baselines`: digest of the baseline file; `None`: there is none yet.
     pub fn chain(
         &self,
         mut jobs: Vec<Job>,
         baselines: &Option<String>,
-    ) -> Result<(Vec<Job>, Option<String>), Failure> {
+    ) -> Result<Chained, Failure> {
         // 1. when each begins: the journal knows it of finished recordings, the others are opened
         let mut unread = None;
         for job in &mut jobs {
@@ -168,8 +177,9 @@ impl Planner<'_> {
         let first = chained.iter().position(Job::is_to_be_judged);
         let first = first.unwrap_or(chained.len());
         let links: Vec<Option<Link>> = chained.iter().map(|job| job.link.clone()).collect();
-        match chain::go_on(&links, first, baselines) {
-            GoOn::From(from) => {
+        let go_on = chain::go_on(&links, first, baselines);
+        match go_on {
+            GoOn::From(from) | GoOn::Anew(from) => {
                 for job in chained[from..].iter_mut().filter(|job| !job.is_to_be_judged()) {
                     job.decision = Decision::Judge(JudgeReason::AfterAnother);
                 }
@@ -180,7 +190,8 @@ impl Planner<'_> {
         }
         chained.iter_mut().filter(|job| job.source.misdated).for_each(|job| job.teaches = false);
         chained.extend(others);
-        Ok((chained, unread))
+        let is_anew = matches!(go_on, GoOn::Anew(_));
+        Ok(Chained { jobs: chained, waits_for: unread, is_anew })
     }
 
     /// When a recording begins, and whether it could not be read although it is there; its printheads are noted

@@ -6,9 +6,10 @@
 //!
 //! Channels' own baselines go from each recording to the next. A recording that is judged again, or that comes
 //! in between, would have to meet the baselines as they were then. If these are there, because a run was killed
-//! or somebody put them back, all from there on are judged again, and are as in an undisturbed run. If they are
-//! not, the recording has no place in the order any more: it is judged by the baselines as they are and teaches
-//! nothing, and nothing else is changed for its sake.
+//! or somebody put them back, all from there on are judged again, and are as in an undisturbed run. So they are, too,
+//! where all recordings from which the baselines have learned are to be judged again, by other settings say: then the
+//! baselines begin anew. If they are not there, the recording has no place in the order any more: it is judged by the
+//! baselines as they are and teaches nothing, and nothing else is changed for its sake.
 
 use super::Result;
 use super::groups::{MOST_GROUPS, of_printhead};
@@ -26,6 +27,8 @@ pub enum GoOn {
     /// All recordings from this one on are judged, each by the baselines of its turn. It may lie before the first
     /// one that is to be judged if a run was killed before it wrote its baselines, or somebody put earlier ones back.
     From(usize),
+    /// All recordings from this one on are judged, and the baselines begin anew with it.
+    Anew(usize),
     /// The baselines have learned from recordings before this one, and from it on they go on to learn. What is to
     /// be judged before it has no place.
     After(usize),
@@ -36,18 +39,30 @@ pub enum GoOn {
 pub fn go_on(links: &[Option<Link>], first: usize, now: &State) -> GoOn {
     let links: Vec<Option<&Link>> =
         links.iter().map(|link| link.as_ref().filter(|link| link.taught())).collect();
-    let fits = |at: usize| wanted(&links, at).is_none_or(|state| state == now);
     // the last place at or before `first` that continues from the present baselines
-    let fitting = (0..=first).rev().find(|&at| fits(at));
+    if let Some(at) = (0..=first).rev().find(|&at| fits(&links, at, now)) {
+        return GoOn::From(at);
+    }
     let last = links.iter().rposition(Option::is_some);
-    fitting.map_or_else(|| GoOn::After(last.map_or(0, |last| last + 1)), GoOn::From)
+    match last.is_some_and(|last| first <= last) && rests_on(&links[first..], now) {
+        true => GoOn::Anew(first),
+        false => GoOn::After(last.map_or(0, |last| last + 1)),
+    }
 }
 
-/// The baselines that the next judged recording met, or else the last one left. `None`: any.
-fn wanted<'a>(links: &[Option<&'a Link>], at: usize) -> Option<&'a State> {
+/// Whether the baselines are those that the last recording before this place left, or that the next one met.
+fn fits(links: &[Option<&Link>], at: usize, now: &State) -> bool {
     let next = links[at..].iter().flatten().next().map(|link| &link.before);
     let last = links[..at].iter().rev().flatten().next().map(|link| &link.after);
-    next.or(last)
+    next.is_none() && last.is_none() || [next, last].contains(&Some(now))
+}
+
+/// Whether the baselines have learned from these recordings and from no others.
+fn rests_on(links: &[Option<&Link>], now: &State) -> bool {
+    let links: Vec<&Link> = links.iter().copied().flatten().collect();
+    let is_whole = links.windows(2).all(|pair| pair[0].after == pair[1].before);
+    let begins = links.first().is_some_and(|link| link.before.is_none());
+    is_whole && begins && links.last().is_some_and(|link| link.after == *now)
 }
 
 /// The printheads of a recording, for whoever hands recordings out to others. All of it is read.
@@ -90,6 +105,19 @@ mod tests {
         assert_eq!(go_on(&links, 4, &state(3)), GoOn::From(4));
         assert_eq!(go_on(&links, 4, &state(2)), GoOn::From(3), "killed before they were written");
         assert_eq!(go_on(&[None, None], 0, &state(7)), GoOn::From(0), "the first run of a chain");
+    }
+
+    #[test]
+    fn what_the_baselines_rest_on_alone_is_judged_again_from_the_begin() {
+        let mut links = chain(3);
+        assert_eq!(go_on(&links, 0, &state(3)), GoOn::Anew(0), "other settings");
+        assert_eq!(go_on(&links, 1, &state(3)), GoOn::After(3), "but the first is finished");
+        assert_eq!(go_on(&links, 0, &state(9)), GoOn::After(3), "others have taught them, too");
+        assert_eq!(go_on(&links[1..], 0, &state(3)), GoOn::After(2), "and before");
+        // killed after the first one was judged again: it goes on there
+        links[0] = Some(Link { before: None, after: state(7) });
+        assert_eq!(go_on(&links, 1, &state(7)), GoOn::From(1));
+        assert_eq!(go_on(&links, 1, &state(3)), GoOn::After(3), "others have followed");
     }
 
     #[test]

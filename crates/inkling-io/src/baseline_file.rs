@@ -51,6 +51,17 @@ impl BaselineFile {
         self.hash.map(in_words)
     }
 
+    /// Puts the file aside, as `<name>.stale`, and goes on without one.
+    pub fn begin_anew(&mut self) -> Result<(), FileError> {
+        self.check_unchanged()?;
+        let path = part_file::followed(&self.path);
+        let mut aside = path.clone().into_os_string();
+        aside.push(".stale");
+        std::fs::rename(&path, aside).map_err(FileError::unwritten(&self.path))?;
+        self.hash = None;
+        Ok(())
+    }
+
     /// Removes the files of prepared baselines that killed runs have left beside this file (or
     /// beside the file that a link at its path leads to).
     pub fn sweep(&self) {

@@ -25,7 +25,7 @@ use super::follow::{self, FollowJudge};
 use super::judge::{Detail, Judge, ReplayJudge, Run};
 use super::ledger::Ledger;
 use super::live;
-use super::plan::{self, Planner};
+use super::plan::{self, Chained, Planner};
 use super::progress::{Progress, interruptible};
 use super::report::printable_path;
 use super::report_page::ACCOUNT_NAME;
@@ -33,6 +33,7 @@ use super::teller::Teller;
 use crate::pipeline::resume::Resume;
 use crate::settings::Settings;
 use begun::Begun;
+use inkling_core::state::Memory;
 use inkling_io::baseline_file::BaselineFile;
 use inkling_io::dialect::Dialects;
 use inkling_io::file_error::FileError;
@@ -89,7 +90,7 @@ fn checked_and_judged(
     let NamedRecordings { jobs, lost, unread, dialects } =
         named_recordings(&args, &settings, &out)?;
     begun.jobs.clone_from(&jobs);
-    let (mut replay, baseline_file, means) = settings::load(settings, design, &args)?;
+    let (mut replay, mut baseline_file, means) = settings::load(settings, design, &args)?;
 
     let acknowledged = acknowledge::read(&out);
     replay.replaced.clone_from(&acknowledged.replaced);
@@ -123,12 +124,18 @@ fn checked_and_judged(
         progress: &planning,
         control: &control,
     };
-    let (mut jobs, mut waits_for) = (planner.plan(jobs)?, None);
-    if let Some(file) = &baseline_file {
-        (jobs, waits_for) = planner.chain(jobs, &file.digest())?;
-    }
+    let jobs = planner.plan(jobs)?;
+    let Chained { jobs, waits_for, is_anew } = match &baseline_file {
+        Some(file) => planner.chain(jobs, &file.digest())?,
+        None => Chained { jobs, ..Chained::default() },
+    };
     if args.dry_run {
         return plan::print(&jobs, &lost, args.json);
+    }
+    if let Some(file) = baseline_file.as_mut().filter(|_| is_anew) {
+        // a run that is killed from here on is gone on with as if somebody had removed the file
+        file.begin_anew()?;
+        replay.baselines = replay.baselines.map(|of| Memory::new(of.design));
     }
 
     // 4. what killed runs left is removed, and the journal opened
