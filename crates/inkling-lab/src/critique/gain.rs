@@ -24,13 +24,10 @@ use super::matrices::{Matrix5, Vector5, inverse_or_zero};
 use super::model::Model;
 use super::observations::Observations;
 use super::population::{FEWEST_UNITS, MostProbable, Population, Predictor, SHRINKAGE, population};
-use super::whiteness::{Lags, whiteness_p};
+use super::whiteness::{Lags, MOST_WHITENED, whiteness_p};
 use inkling_core::model::free_decay::FREE;
 use inkling_core::model::inner_product::dot;
 use std::iter::Sum;
-
-/// Of more signals than this only every second, third, .. is tested for whiteness.
-const MOST_WHITENED: usize = 2048;
 
 /// With too few signals, gain and histograms are empty.
 #[derive(Default)]

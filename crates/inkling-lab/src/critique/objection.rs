@@ -31,6 +31,8 @@ pub enum Objection {
     // objections to findings in codes, noise and trigger
     #[error("codes are missing, but not those between the multiples of a step")]
     NoLattice,
+    #[error("its higher lags or its levels are not those of an autoregression")]
+    NoAutoregression,
     #[error("what other causes leave")]
     LeftByOthers,
     /// A jitter whose bursts may vary as much across the shift in time as along it.
