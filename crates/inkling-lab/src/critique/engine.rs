@@ -39,7 +39,7 @@ use super::outcome::{FEWEST_SAMPLES, FEWEST_SIGNALS};
 use super::outliers::{Outliers, outliers};
 use super::selection::{self, Selected};
 use super::words::{cause_sentence, equation, not_worth, ties};
-use super::{codes, decay, ensemble, evidence, figures, gain, jitter, work, worth};
+use super::{codes, decay, ensemble, figures, gain, jitter, work, worth};
 use std::f64::consts::TAU;
 
 /// Largest number of times that the signals are made white, each time by a better estimate.
@@ -101,7 +101,7 @@ fn of_ink_channels(all: &Observations, labelled: bool) -> Result<Outcome, Critiq
     measured.gain.log_likelihood_per_signal =
         worth::measure(&baseline, &applied, &artefacts, unwhitened.as_ref(), setting);
     let detection = measured.gain.detection();
-    let figures = figures::draw(&baseline, &selected.fitted.model, &data, &measured.energies);
+    let figures = figures::draw(&baseline, &selected.fitted.model, &data);
 
     let ln_samples = data.ln_samples();
     let mut causes = causes(&artefacts, &selected, detection == Detection::Better, ln_samples);
@@ -363,11 +363,7 @@ fn all_evidence(artefacts: &Artefacts, selected: &Selected, ln_samples: f64) -> 
         why_not: (!found.accepted()).then(|| found.why_not()),
         ..found.evidence(0, ln_samples)
     };
-    let mut evidence: Vec<Evidence> = artefacts.all().map(row).collect();
-    let of_artefacts = evidence.len();
-    evidence.extend(selected.evidence.iter().cloned());
-    evidence::tidy(&mut evidence, of_artefacts);
-    evidence
+    artefacts.all().map(row).chain(selected.evidence.iter().cloned()).collect()
 }
 
 fn not_testable(data: &Observations) -> Vec<NotTestable> {

@@ -15,7 +15,7 @@
 //!    tested without the catalogue (`adequacy`).
 //! 6. On signals that nothing was fitted to (`held_out`), `gain` measures misfit and detection, `worth` the
 //!    gain in likelihood (`population`, `predictive`, `whiteness`).
-//! 7. `verdict`, `words`, `evidence`, `figures`, `pictures` and [`report`] tell it; `extended` decides
+//! 7. `verdict`, `words`, `figures`, `pictures` and [`report`] tell it; `extended` decides
 //!    whether the model may become a design.
 //!
 //! Wherever signals are gone through, [`work`] is told, so that a critique shows its progress and can be ended
@@ -38,7 +38,6 @@ pub mod decay;
 pub mod digits;
 pub mod engine;
 mod ensemble;
-mod evidence;
 mod extended;
 mod figures;
 pub mod finding;
