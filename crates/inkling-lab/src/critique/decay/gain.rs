@@ -124,7 +124,7 @@ pub fn measure(selected: &Selected) -> (Misfit, Gain) {
     let series = 0..decays.bursts * decays.outputs;
     let all: Squares = series.map(|series| squares(decays, &before, &sds, series, 0..n)).sum();
     let [chi2_per_dof, nrmse_percent] = all.chi2_and_nrmse();
-    let whiteness_p = whiteness(&before, decays, &[0..n]);
+    let whiteness_p = whiteness(&before, decays, std::slice::from_ref(&(0..n)));
     let misfit = Misfit { chi2_per_dof, nrmse_percent, whiteness_p };
 
     let stretches = Stretches::of(decays);
@@ -216,7 +216,6 @@ pub fn draw(selected: &Selected) -> Figures {
         spectrum,
         unit: UNIT.into(),
         covariates: against_amplitude(selected, &after),
-        ..Figures::default()
     }
 }
 
