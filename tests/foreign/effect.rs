@@ -3,7 +3,9 @@
 use super::healthy::{Channel, Layout, Signal};
 use super::plant::{Plant, State, Terms};
 use clap::ValueEnum;
-use std::f64::consts::TAU;
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
+use std::f64::consts::{PI, TAU};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 #[value(rename_all = "snake_case")]
@@ -71,6 +73,10 @@ pub enum Effect {
     HeldSample,
     /// Neighbours that fire stiffen the channel.
     StiffNeighbours,
+    /// Beside the white noise, a trap that is filled and emptied at random: two levels.
+    TelegraphNoise,
+    /// Beside the white noise, noise of the same power in each octave.
+    PinkNoise,
 }
 
 /// What is known of a signal where an effect acts.
@@ -248,6 +254,36 @@ impl Hidden {
     pub fn noise(&self) -> [f64; 2] {
         let rho = (0.03 * self.of(Effect::CorrelatedNoise)).min(0.9);
         [rho, 0.2 * self.of(Effect::HeteroscedasticNoise)]
+    }
+
+    /// Share of the noise's variance that is not white. Of that part neighbours are correlated by `rho`, of all
+    /// noise as of an autoregression of the same strength.
+    fn coloured(&self, effect: Effect, rho: f64) -> f64 {
+        (0.03 * self.of(effect) / rho).min(0.98)
+    }
+
+    /// What becomes of one signal's `white` noise. `slowness`: uniform, one of a recording.
+    pub fn stray(&self, white: &mut [f64], slowness: f64, rng: &mut ChaCha8Rng) {
+        // a level lasts for 4 to 40 samples in the mean
+        let leaves = 0.25 * 10f64.powf(-slowness);
+        let trap = self.coloured(Effect::TelegraphNoise, 1.0 - 2.0 * leaves);
+        let pink = self.coloured(Effect::PinkNoise, 0.8);
+        if trap == 0.0 && pink == 0.0 {
+            return;
+        }
+        let mut level = if rng.random::<bool>() { 1.0 } else { -1.0 };
+        // sixteen waves an octave, down to a fiftieth of a turn in a signal
+        let octaves = (25.0 * white.len() as f64).log2();
+        let waves: Vec<[f64; 2]> = (0..(16.0 * octaves) as i32)
+            .map(|wave| [PI * 2f64.powf(-f64::from(wave) / 16.0), TAU * rng.random::<f64>()])
+            .collect();
+        let size = (2.0 / waves.len() as f64).sqrt();
+        for (k, e) in white.iter_mut().enumerate() {
+            let all = waves.iter().map(|[omega, phase]| (omega * k as f64 + phase).cos());
+            *e *= (1.0 - trap - pink).sqrt();
+            *e += trap.sqrt() * level + pink.sqrt() * size * all.sum::<f64>();
+            level *= if rng.random::<f64>() < leaves { -1.0 } else { 1.0 };
+        }
     }
 
     /// What the converter makes of a sample.

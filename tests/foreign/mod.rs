@@ -53,7 +53,8 @@ impl Case {
         let mut signals = Vec::new();
         let warmth_phase = TAU * rng.random::<f64>();
         // of another stream, so that whoever has no neighbours draws as without them
-        let turn = ChaCha8Rng::seed_from_u64(!*seed).random::<f64>();
+        let mut others = ChaCha8Rng::seed_from_u64(!*seed);
+        let (turn, slowness) = (others.random::<f64>(), others.random::<f64>());
         for burst in 0..bursts {
             let common = family.burst(&mut rng);
             let drive_v =
@@ -95,8 +96,10 @@ impl Case {
                 hidden.senses(&mut y, &plant, x, &at, layout.period_s);
                 let [rho, growth] = hidden.noise();
                 let mut before = family.noise(&mut rng);
-                for y in &mut y {
-                    before = rho * before + (1.0 - rho * rho).sqrt() * family.noise(&mut rng);
+                let mut noise = Vec::from_iter(y.iter().map(|_| family.noise(&mut rng)));
+                hidden.stray(&mut noise, slowness, &mut others);
+                for (y, e) in y.iter_mut().zip(noise) {
+                    before = rho * before + (1.0 - rho * rho).sqrt() * e;
                     let grown = (1.0 + growth * (*y / 100.0).powi(2)).sqrt();
                     *y = hidden.code(*y + layout.noise * grown * before);
                 }
@@ -293,6 +296,23 @@ fn crosstalk_is_named_in_any_phase() {
     let mut goals = Goals::default();
     goals.met(row.share(&[Outcome::Right]) >= 0.95, format!("in any phase, at least .95: {row:?}"));
     goals.met(row.count(Outcome::Wrong) == 0, format!("in any phase, no wrong name: {row:?}"));
+    goals.all_are_met();
+}
+
+/// Noise that jumps between two levels, and noise that flickers, is correlated at lag one, and has no name; an
+/// autoregression as strong has its own.
+#[test]
+fn correlated_noise_is_named_where_it_is_an_autoregression_alone() {
+    let strengths = [2.0, 4.0, 8.0, 16.0];
+    let judged = |effect, first_seed| judged(&planted(&[effect], &strengths, first_seed, 16)).all;
+    let mut goals = Goals::default();
+    let named = judged(Effect::CorrelatedNoise, 560_000).row(Kind::One, 0..=99);
+    goals.met(named.share(&[Outcome::Right]) >= 0.95, format!("an autoregression: {named:?}"));
+    for (effect, first_seed) in [(Effect::TelegraphNoise, 550_000), (Effect::PinkNoise, 550_100)] {
+        let row = judged(effect, first_seed).row(Kind::Outside, 0..=99);
+        goals.met(row.share(&[Outcome::Right]) >= 0.95, format!("{effect:?} is unknown: {row:?}"));
+        goals.met(row.count(Outcome::Wrong) == 0, format!("{effect:?} has no name: {row:?}"));
+    }
     goals.all_are_met();
 }
 

@@ -79,8 +79,14 @@ fn of_artefacts(artefacts: &Artefacts) -> Vec<Significant> {
             "a few signals ring like the others and have a misfit of a shape: a pulse, a step";
         significant.push((what.into(), 2.0 * artefacts.odd_signals));
     }
-    for found in artefacts.all().filter(|f| f.objection == Some(Objection::NoLattice)) {
-        let what = "codes are missing that no coarse step would leave out";
+    for found in artefacts.all() {
+        let what = match found.objection {
+            Some(Objection::NoLattice) => "codes are missing that no coarse step would leave out",
+            Some(Objection::NoAutoregression) => {
+                "the noise is correlated, and no autoregression: it flickers, or jumps between levels"
+            }
+            _ => continue,
+        };
         significant.push((what.into(), found.statistic));
     }
     significant

@@ -75,8 +75,11 @@ impl<Form> Candidate<Form> {
         self.is_significant() && self.able()
     }
 
+    /// Why it is no cause, if no other candidate was chosen.
     pub fn why_not(&self) -> WhyNot {
-        self.objection.map_or(WhyNot::NotSignificant, WhyNot::Objection)
+        let passes =
+            if self.is_significant() { WhyNot::NotLookedFor } else { WhyNot::NotSignificant };
+        self.objection.map_or(passes, WhyNot::Objection)
     }
 
     pub fn strength_dl(&self) -> f64 {
@@ -93,14 +96,17 @@ impl<Form> Candidate<Form> {
         Cause::new(self.id, self.value, self.sd, self.strength_dl(), delta_bic)
     }
 
-    /// `step`: number of causes that had entered before.
+    /// `step`: number of causes that had entered before. The threshold is the statistic that would just have been
+    /// significant, if corrections reduced its plain surprise as much as they did here.
     pub fn evidence(&self, step: u32, ln_samples: f64) -> Evidence {
         let plain = |x: f64| surprise(x, self.degrees, self.tried, f64::INFINITY);
+        let asked = THRESHOLD + (plain(self.statistic) - self.surprise).max(0.0);
+        let is_tested = !matches!(self.objection, Some(Objection::Untested(_)));
         Evidence {
             step,
             id: self.id,
             statistic: self.statistic,
-            threshold: statistic_of(THRESHOLD, plain),
+            threshold: if is_tested { statistic_of(asked, plain) } else { f64::NAN },
             p: (-self.surprise).exp(),
             delta_bic: self.delta_bic(ln_samples),
             strength_dl: self.strength_dl(),
@@ -137,12 +143,19 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_threshold_of_a_statistic_is_where_its_surprise_reaches_it() {
-        for degrees in [1, 2, 4] {
-            let one = Candidate { degrees, tried: 20.0, ..Candidate::nothing(CauseId::Tone) };
-            let at = one.evidence(0, 1.0).threshold;
-            let surprise = surprise(at, degrees, 20.0, f64::INFINITY);
-            assert!((surprise - THRESHOLD).abs() < 1e-3, "{degrees}: {surprise}");
+    fn a_statistic_is_beyond_its_threshold_where_its_surprise_is() {
+        for (degrees, tried) in [(1, 1.0), (2, 20.0), (4, 20.0)] {
+            for statistic in [1.0, 10.0, 13.0, 20.0, 40.0, 90.0] {
+                for lowered in [0.0, 2.0, 20.0] {
+                    let plain = Candidate::plain(CauseId::Tone, statistic, ());
+                    let surprise = surprise(statistic, degrees, tried, f64::INFINITY) - lowered;
+                    let one = Candidate { degrees, tried, surprise, ..plain };
+                    let beyond = statistic > one.evidence(0, 1.0).threshold;
+                    assert_eq!(beyond, one.is_significant(), "{degrees} {statistic} {lowered}");
+                }
+            }
         }
+        let untested = Candidate::untested(CauseId::Tone, "more");
+        assert!(untested.evidence(0, 1.0).threshold.is_nan());
     }
 }

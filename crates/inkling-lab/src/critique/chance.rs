@@ -74,11 +74,16 @@ pub fn interval(values: &mut [f64]) -> Option<[f64; 2]> {
 
 const RESAMPLINGS: usize = 200;
 
-/// Bootstrap: what `of` makes of each drawing of as many groups as there are, with repetition.
-pub fn resampled<T>(groups: usize, seed: u64, of: impl Fn(&[usize]) -> T) -> Vec<T> {
+/// What `of` makes of all groups' members together, and (bootstrap) of each drawing of as many groups as there
+/// are, with repetition.
+pub fn resampled<T>(groups: &[Vec<usize>], seed: u64, of: impl Fn(&[usize]) -> T) -> (T, Vec<T>) {
+    let of_groups = |chosen: &[usize]| {
+        of(&chosen.iter().flat_map(|k| &groups[*k]).copied().collect::<Vec<usize>>())
+    };
+    let all: Vec<usize> = (0..groups.len()).collect();
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
-    let mut draw = || (0..groups).map(|_| rng.random_range(0..groups)).collect::<Vec<usize>>();
-    (0..RESAMPLINGS).map(|_| of(&draw())).collect()
+    let mut draw = || all.iter().map(|_| rng.random_range(0..groups.len())).collect::<Vec<usize>>();
+    (of_groups(&all), (0..RESAMPLINGS).map(|_| of_groups(&draw())).collect())
 }
 
 /// The 95 % interval of one of several figures that were computed from the same drawings.

@@ -20,9 +20,11 @@
 
 use super::adequacy::{self, Adequacy};
 use super::artefacts::{Artefacts, accepted};
+use super::autoregression::Autoregression;
 use super::candidate::Candidate;
 use super::candidates::{Scored, Setting};
 use super::catalogue::{Acts, CATALOGUE, CauseId, Entry};
+use super::chance::without_a_name;
 use super::extended::{self, OutlierCount};
 pub use super::extended::{Extended, NotExtended};
 use super::finding::{
@@ -30,13 +32,14 @@ use super::finding::{
 };
 use super::leftovers::{at_the_ring, at_the_ring_beside, leave_out, still_there};
 use super::model::Model;
+use super::objection::Objection;
 use super::observations::Observations;
 pub use super::outcome::{CritiqueError, Outcome};
 use super::outcome::{FEWEST_SAMPLES, FEWEST_SIGNALS};
 use super::outliers::{Outliers, outliers};
 use super::selection::{self, Selected};
 use super::words::{cause_sentence, equation, not_worth, ties};
-use super::{codes, decay, ensemble, evidence, figures, gain, jitter, work, worth};
+use super::{codes, decay, ensemble, figures, gain, jitter, work, worth};
 use std::f64::consts::TAU;
 
 /// Largest number of times that the signals are made white, each time by a better estimate.
@@ -82,9 +85,9 @@ fn of_ink_channels(all: &Observations, labelled: bool) -> Result<Outcome, Critiq
     let mut prepared = Prepared::of(data)?;
     let selected = prepared.pick();
     let avoid = prepared.random_tone();
-    let Prepared { data, unwhitened, baseline, mut artefacts, .. } = prepared;
+    let Prepared { data, unwhitened, coloured, baseline, mut artefacts, .. } = prepared;
     let setting = Setting { data: &data, avoid: &avoid };
-    look_again(&mut artefacts, &selected, unwhitened.is_some(), setting);
+    look_again(&mut artefacts, &selected, coloured, setting);
     artefacts.odd_signals = shape_surprise;
 
     all.work.begins(work::WHAT_IS_LEFT);
@@ -98,7 +101,7 @@ fn of_ink_channels(all: &Observations, labelled: bool) -> Result<Outcome, Critiq
     measured.gain.log_likelihood_per_signal =
         worth::measure(&baseline, &applied, &artefacts, unwhitened.as_ref(), setting);
     let detection = measured.gain.detection();
-    let figures = figures::draw(&baseline, &selected.fitted.model, &data, &measured.energies);
+    let figures = figures::draw(&baseline, &selected.fitted.model, &data);
 
     let ln_samples = data.ln_samples();
     let mut causes = causes(&artefacts, &selected, detection == Detection::Better, ln_samples);
@@ -167,6 +170,8 @@ struct Prepared {
     data: Observations,
     /// The signals before correlated noise was made white; `None` if it was white.
     unwhitened: Option<Observations>,
+    /// What that noise was taken for.
+    coloured: Option<Autoregression>,
     baseline: Model,
     artefacts: Artefacts,
     /// Whether a random tone was found at the ring's own frequency. It may be the ring itself, changed by a
@@ -190,7 +195,8 @@ impl Prepared {
         leave_out(&mut artefacts, Vec::new());
         let deferred = at_the_ring(&mut artefacts.noise, &baseline, data.length_s());
 
-        let prepared = Prepared { data, unwhitened: None, baseline, artefacts, deferred };
+        let (unwhitened, coloured) = (None, None);
+        let prepared = Prepared { data, unwhitened, coloured, baseline, artefacts, deferred };
         match accepted(&prepared.artefacts.noise, CauseId::CorrelatedNoise) {
             Some(rho) => prepared.whitened(rho),
             None => Ok(prepared),
@@ -237,13 +243,15 @@ impl Prepared {
         noise.retain(|f| f.id == CauseId::CorrelatedNoise);
         let step = accepted(&codes, CauseId::CoarseLsb).unwrap_or(1.0);
         let rounding = if unwhitened.integer { step * step / 12.0 } else { 0.0 };
-        for f in &mut noise {
-            f.value = ensemble::beneath_rounding(total, baseline.noise_var, rounding);
-        }
+        let rho = ensemble::beneath_rounding(total, baseline.noise_var, rounding);
+        noise.iter_mut().for_each(|f| f.value = rho);
+        let rounding = rounding / baseline.noise_var;
+        let coloured = Some(Autoregression { rho, whitened_by: total, rounding });
         noise.extend(again.into_iter().filter(|f| f.id != CauseId::CorrelatedNoise));
         let deferred = at_the_ring(&mut noise, &baseline, data.length_s());
         let artefacts = Artefacts { codes, noise, odd_signals: 0.0 };
-        Ok(Prepared { data, unwhitened: Some(unwhitened), baseline, artefacts, deferred })
+        let unwhitened = Some(unwhitened);
+        Ok(Prepared { data, unwhitened, coloured, baseline, artefacts, deferred })
     }
 
     /// Frequency of the random tone that is accepted so far, rad per signal length; empty if there is none.
@@ -277,11 +285,17 @@ impl Prepared {
     }
 }
 
-/// Step 5. Withdraws noise that is not found any more, and noise or trigger that is no more than what a
-/// stronger finding leaves. `whitened`: the signals were whitened, so they have no codes to be tested.
-fn look_again(artefacts: &mut Artefacts, selected: &Selected, whitened: bool, setting: Setting) {
-    let Setting { data, .. } = setting;
-    if !whitened && accepted(&artefacts.codes, CauseId::Clipping).is_none() {
+/// Step 5. Withdraws noise that is not found any more, noise that is not what it is named, and noise or trigger
+/// that is no more than what a stronger finding leaves. `coloured`: the signals were whitened, so they have no
+/// codes to be tested.
+fn look_again(
+    artefacts: &mut Artefacts,
+    selected: &Selected,
+    coloured: Option<Autoregression>,
+    setting: Setting,
+) {
+    let Setting { data, avoid } = setting;
+    if coloured.is_none() && accepted(&artefacts.codes, CauseId::Clipping).is_none() {
         // Clipping shows where samples are missing that the model expects beyond the last code; without the
         // causes that follow a covariate it may expect none there.
         let again = codes::test(data, &mut selected.fitted.model.clone());
@@ -294,6 +308,12 @@ fn look_again(artefacts: &mut Artefacts, selected: &Selected, whitened: bool, se
         still_there(&mut artefacts.noise, &ensemble::test(data, &selected.fitted.model));
     }
     leave_out(artefacts, selected.findings());
+    let of_noise = |noise| ensemble::surprise_of(noise, data, &selected.fitted.model, avoid);
+    if coloured.as_ref().map_or(0.0, of_noise) > without_a_name(1.0) {
+        let correlated = artefacts.noise.iter_mut().find(|f| f.id == CauseId::CorrelatedNoise);
+        let correlated = correlated.filter(|f| f.accepted());
+        correlated.into_iter().for_each(|f| f.objection = Some(Objection::NoAutoregression));
+    }
 }
 
 /// All causes that get a name, with their sentences: those in codes, noise and trigger first. `better`:
@@ -343,11 +363,7 @@ fn all_evidence(artefacts: &Artefacts, selected: &Selected, ln_samples: f64) -> 
         why_not: (!found.accepted()).then(|| found.why_not()),
         ..found.evidence(0, ln_samples)
     };
-    let mut evidence: Vec<Evidence> = artefacts.all().map(row).collect();
-    let of_artefacts = evidence.len();
-    evidence.extend(selected.evidence.iter().cloned());
-    evidence::tidy(&mut evidence, of_artefacts);
-    evidence
+    artefacts.all().map(row).chain(selected.evidence.iter().cloned()).collect()
 }
 
 fn not_testable(data: &Observations) -> Vec<NotTestable> {

@@ -12,6 +12,7 @@
 //! The projection takes more of some frequencies, lags and samples than of others, so each test allows for
 //! what Q takes. Standard errors come from the scatter over signals, so heavy tails widen them.
 
+use super::autoregression::Autoregression;
 use super::candidate::Candidate;
 use super::candidates::LEAST_PERIODS;
 use super::catalogue::CauseId;
@@ -20,6 +21,7 @@ use super::model::{Model, PATTERNS, powers};
 use super::observations::Observations;
 use super::tuned::{LINE_BOUND, STANDS_OUT};
 use super::waves::waves;
+use super::whiteness::MOST_WHITENED;
 use inkling_core::model::free_decay::FREE;
 use inkling_core::model::inner_product::dot;
 use inkling_core::model::median::median_of;
@@ -34,10 +36,10 @@ const TAKEN: usize = FREE + 1;
 
 /// One signal's residual u, counts, and the orthonormal basis Q of what was projected out, N x TAKEN. Samples
 /// that may be clipped have r = 0.
-struct Residual {
-    u: Vec<f64>,
-    q: DMatrix<f64>,
-    expected: Vec<f64>,
+pub struct Residual {
+    pub u: Vec<f64>,
+    pub q: DMatrix<f64>,
+    pub expected: Vec<f64>,
 }
 
 /// Each is freed of its tangent and of the mean misfit of all: a cubic in the drive if there is a drive scan.
@@ -98,7 +100,7 @@ pub fn shifted(q: &DMatrix<f64>, lag: usize) -> DMatrix<f64> {
     })
 }
 
-fn mean_of(values: &[f64]) -> (f64, f64) {
+pub fn mean_of(values: &[f64]) -> (f64, f64) {
     let n = values.len() as f64;
     let mean = values.iter().sum::<f64>() / n;
     let square = values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / (n - 1.0).max(1.0);
@@ -138,6 +140,21 @@ pub fn test(data: &Observations, model: &Model) -> Vec<Candidate> {
     // noise that shrinks with the signal is no cause of the catalogue
     let surprise = if growth.value > 0.0 { growth.surprise } else { 0.0 };
     vec![Candidate { surprise: line_surprise, ..tone }, rho, Candidate { surprise, ..growth }]
+}
+
+/// How surprising whitened signals are if their noise was this autoregression; of many signals some are looked
+/// at. `tones`: frequencies of random tones, rad per signal length.
+pub fn surprise_of(
+    noise: &Autoregression,
+    data: &Observations,
+    model: &Model,
+    tones: &[f64],
+) -> f64 {
+    let every = data.len().div_ceil(MOST_WHITENED).max(1);
+    let mut left: Vec<Residual> = residuals(model, data).into_iter().step_by(every).collect();
+    let n = data.samples;
+    tones.iter().for_each(|omega| left.iter_mut().for_each(|left| notch(left, *omega, n)));
+    noise.surprise_of(&left)
 }
 
 fn found(id: CauseId, z: f64, value: f64, sd: f64) -> Candidate {

@@ -1,14 +1,14 @@
 //! Computes the numbers behind the report's pictures: the misfit in time, in frequency, and against each
 //! recorded covariate, before and after the extension.
 //!
-//! In: the baseline and the extended model, the signals that both were fitted to, and the histograms of
-//! `gain.rs`. Out: [`Figures`]: the mean residual at each sample with its standard error; the mean
-//! periodogram of single signals, with what white noise would have after the same fit; and each signal's
-//! amplitude, damping and frequency, averaged in bins of each covariate (`against`).
+//! In: the baseline and the extended model, and the signals that both were fitted to. Out: [`Figures`]: the mean
+//! residual at each sample with its standard error; the mean periodogram of single signals, with what white noise
+//! would have after the same fit; and each signal's amplitude, damping and frequency, averaged in bins of each
+//! covariate (`against`).
 
 use super::covariates::{COVARIATES, IDLE, NAMES, POSITION, UNITS};
 use super::ensemble::project;
-use super::finding::{Compared, CovariateFigure, Curve, Energies, Figures};
+use super::finding::{Compared, CovariateFigure, Curve, Figures};
 use super::matrices::{Matrix5, Vector5, inverse_or_zero};
 use super::model::{Linear, Model, free_products};
 use super::observations::Observations;
@@ -18,7 +18,7 @@ use std::f64::consts::TAU;
 
 const PARAMETERS: [&str; 3] = ["amplitude", "damping", "frequency"];
 /// Number of bins of a covariate; up to so many distinct values get a bin each instead.
-const BINS: usize = 8;
+pub const BINS: usize = 8;
 const MOST_DISTINCT: usize = 16;
 /// Largest number of signals whose spectra are averaged, evenly chosen.
 const MOST_SPECTRA: usize = 512;
@@ -109,7 +109,7 @@ pub fn band_of_means(count: f64) -> [f64; 2] {
     [-1.96, 1.96].map(|z| (1.0 - third + z * third.sqrt()).powi(3).max(1e-3))
 }
 
-pub fn draw(before: &Model, after: &Model, data: &Observations, energies: &Energies) -> Figures {
+pub fn draw(before: &Model, after: &Model, data: &Observations) -> Figures {
     let (b, a) = (residuals(before, data), residuals(after, data));
     let n = data.samples;
     let mean = |r: &Residuals| Curve::about(r.mean.clone(), r.se.iter().map(|se| 1.96 * se));
@@ -129,7 +129,22 @@ pub fn draw(before: &Model, after: &Model, data: &Observations, energies: &Energ
     let present = (1..COVARIATES).filter(|which| data.beside.present[*which]);
     let pairs = present.flat_map(|which| (0..PARAMETERS.len()).map(move |j| (which, j)));
     let covariates = pairs.map(|(which, j)| against(which, j, [&b, &a], data)).collect();
-    Figures { unit: "counts".into(), mean_misfit, spectrum, covariates, energies: energies.clone() }
+    Figures { unit: "counts".into(), mean_misfit, spectrum, covariates }
+}
+
+/// Means in bins of x and of what the models before and after leave, with 95 % bars by its scatter in the bin.
+pub fn in_bins(bins: impl Iterator<Item = impl Iterator<Item = [f64; 3]>>) -> Compared {
+    let bins: Vec<Vec<[f64; 3]>> = bins.map(Iterator::collect).collect();
+    let mean =
+        |bin: &Vec<[f64; 3]>, j: usize| bin.iter().map(|of| of[j]).sum::<f64>() / bin.len() as f64;
+    let bar = |bin: &Vec<[f64; 3]>, j: usize| {
+        let (count, mean) = (bin.len() as f64, mean(bin, j));
+        let v = bin.iter().map(|of| (of[j] - mean).powi(2)).sum::<f64>() / count;
+        1.96 * (v / (count - 1.0).max(1.0)).sqrt()
+    };
+    let means = |j: usize| bins.iter().map(|bin| mean(bin, j)).collect::<Vec<f64>>();
+    let curve = |j: usize| Curve::about(means(j), bins.iter().map(|bin| bar(bin, j)));
+    Compared { x: means(0), before: curve(1), after: curve(2) }
 }
 
 /// Mean of the misfit of `PARAMETERS[j]` in bins of covariate `which`, with 95 % bars; empty where there
@@ -160,28 +175,17 @@ fn against(
     if bins.len() < 2 {
         return figure;
     }
-    let mean_of_bin = |r: &Residuals, bin: &[usize]| -> [f64; 2] {
-        // position differs between channels only, so there their own deviations count
-        let of = if which == POSITION { &r.about_mean } else { &r.within };
-        let count = bin.len() as f64;
-        let m = bin.iter().map(|&i| of[i][j]).sum::<f64>() / count;
-        let v = bin.iter().map(|&i| (of[i][j] - m).powi(2)).sum::<f64>() / count;
-        [m, 1.96 * (v / (count - 1.0).max(1.0)).sqrt()]
+    // position differs between channels only, so there their own deviations count
+    let of = |r: &Residuals, i: usize| match which == POSITION {
+        true => r.about_mean[i][j],
+        false => r.within[i][j],
     };
-    let means = |r: &Residuals| {
-        let each: Vec<[f64; 2]> = bins.iter().map(|bin| mean_of_bin(r, bin)).collect();
-        Curve::about(each.iter().map(|of| of[0]).collect(), each.iter().map(|of| of[1]))
-    };
+    let left = |i: &usize| [data.beside.z[*i][which], of(before, *i), of(after, *i)];
+    figure.means = in_bins(bins.iter().map(|bin| bin.iter().map(left)));
     // place of a bin: its mean in the covariate's unit (of the logarithm for idle times)
-    let centre = |bin: &&[usize]| {
-        let z = bin.iter().map(|&i| data.beside.z[i][which]).sum::<f64>() / bin.len() as f64;
-        let value = data.beside.mean[which] + z * data.beside.sd[which];
-        if which == IDLE { value.exp() } else { value }
-    };
-    figure.means = Compared {
-        x: bins.iter().map(centre).collect(),
-        before: means(before),
-        after: means(after),
-    };
+    for x in &mut figure.means.x {
+        let value = data.beside.mean[which] + *x * data.beside.sd[which];
+        *x = if which == IDLE { value.exp() } else { value };
+    }
     figure
 }

@@ -308,7 +308,6 @@ pub struct Figures {
     /// the band holds 95 % if the model is right.
     pub spectrum: Compared,
     pub covariates: Vec<CovariateFigure>,
-    pub energies: Energies,
 }
 
 /// A curve with a band: an interval of the curve itself, or where it lies if the model is right.
@@ -346,13 +345,4 @@ pub struct CovariateFigure {
     pub parameter: String,
     /// Mean relative misfit of the parameter in each bin, with its 95 % bar; x is the bin's centre.
     pub means: Compared,
-}
-
-#[derive(Clone, Debug, Default)]
-pub struct Energies {
-    pub edges: Vec<f64>,
-    pub before: Vec<u64>,
-    pub after: Vec<u64>,
-    pub threshold_before: f64,
-    pub threshold_after: f64,
 }

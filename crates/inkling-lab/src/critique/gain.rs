@@ -18,26 +18,22 @@
 
 use super::candidates::{Applied, Setting};
 use super::chance::{interval, interval_of, resampled};
-use super::finding::{Energies, FAULT, Gain, GainFigures, HeldOut, Misfit};
+use super::finding::{FAULT, Gain, GainFigures, HeldOut, Misfit};
 use super::held_out::{TrainTestSplit, baseline, by_channel, with};
 use super::matrices::{Matrix5, Vector5, inverse_or_zero};
 use super::model::Model;
 use super::observations::Observations;
 use super::population::{FEWEST_UNITS, MostProbable, Population, Predictor, SHRINKAGE, population};
-use super::whiteness::{Lags, whiteness_p};
+use super::whiteness::{Lags, MOST_WHITENED, whiteness_p};
 use inkling_core::model::free_decay::FREE;
 use inkling_core::model::inner_product::dot;
 use std::iter::Sum;
 
-/// Of more signals than this only every second, third, .. is tested for whiteness.
-const MOST_WHITENED: usize = 2048;
-
-/// With too few signals, gain and histograms are empty.
+/// With too few signals, the gain is empty.
 #[derive(Default)]
 pub struct Measured {
     pub gain: Gain,
     pub misfit: Misfit,
-    pub energies: Energies,
 }
 
 /// Sums over the samples of signals, or of parts of an oscillator's decays (`decay/gain.rs`).
@@ -174,14 +170,14 @@ fn whiteness(judged: &[Judged]) -> f64 {
     whiteness_p(judged.iter().filter_map(|j| j.white.as_ref()))
 }
 
-struct HeldOutFigures {
-    figures: GainFigures,
-    healthy: Vec<f64>,
-    aucs: Vec<f64>,
-}
-
-/// `known`: the signals that the model was fitted to, judged with their channels left out.
-fn figures(model: &Model, known: &[Judged], test: &Observations, fault: f64) -> HeldOutFigures {
+/// Also the areas of all drawings of channels. `known`: the signals that the model was fitted to, judged with their
+/// channels left out.
+fn figures(
+    model: &Model,
+    known: &[Judged],
+    test: &Observations,
+    fault: f64,
+) -> (GainFigures, Vec<f64>) {
     let of = |judged: &[Judged]| judged.iter().map(|j| j.statistic(0.0)).collect::<Vec<f64>>();
     let threshold = threshold(&of(known), model.units.len());
     let judged = judge(model, test, false, true);
@@ -201,11 +197,8 @@ fn figures(model: &Model, known: &[Judged], test: &Observations, fault: f64) -> 
         [chi2, nrmse, alarms / chosen.len().max(1) as f64, auc]
     };
     let groups = by_channel(judged.iter().map(|j| j.unit));
-    let drawn = resampled(groups.len(), 1, |drawn| {
-        of_some(&drawn.iter().flat_map(|k| groups[*k].iter().copied()).collect::<Vec<usize>>())
-    });
-    let [chi2_per_dof, nrmse_percent, false_alarms, detection_auc] =
-        of_some(&(0..judged.len()).collect::<Vec<usize>>());
+    let ([chi2_per_dof, nrmse_percent, false_alarms, detection_auc], drawn) =
+        resampled(&groups, 1, of_some);
     // Resampling gives no alarm at all an interval of length zero. So the upper end is at least the 95 %
     // upper bound of the rate where none was seen in so many independent signals.
     let none = 1.0 - 0.05_f64.powf(1.0 / healthy.len() as f64);
@@ -222,7 +215,7 @@ fn figures(model: &Model, known: &[Judged], test: &Observations, fault: f64) -> 
         detection_auc_interval: interval_of(&drawn, 3),
     };
     let aucs = drawn.iter().map(|of| of[3]).collect();
-    HeldOutFigures { figures, healthy, aucs }
+    (figures, aucs)
 }
 
 /// `before`: the baseline, fitted to all signals. `causes`: as found in all signals; they are fitted again to
@@ -248,20 +241,19 @@ pub fn measure(before: &Model, causes: &[Applied], setting: Setting) -> Measured
     let [known, known_extended] =
         [&plain, &extended].map(|model| judge(model, &train, true, false));
     let fault = FAULT * damping_sd(&known_extended);
-    let first = figures(&plain, &known, &test, fault);
-    let second = figures(&extended, &known_extended, &test, fault);
+    let (before, first) = figures(&plain, &known, &test, fault);
+    let (after, second) = figures(&extended, &known_extended, &test, fault);
     // both models drew the same channels, since the seed is the same
-    let mut gains: Vec<f64> = second.aucs.iter().zip(&first.aucs).map(|(a, b)| a - b).collect();
-    measured.energies = energies(&first, &second);
+    let mut gains: Vec<f64> = second.iter().zip(&first).map(|(a, b)| a - b).collect();
     let by = match (by_channel, by_time) {
         (true, true) => "channel+time",
         (true, false) => "channel",
         _ => "time",
     };
     measured.gain = Gain {
-        detection_gain: second.figures.detection_auc - first.figures.detection_auc,
-        before: first.figures,
-        after: second.figures,
+        detection_gain: after.detection_auc - before.detection_auc,
+        before,
+        after,
         log_likelihood_per_signal: None, // `worth.rs` measures it
         detection_gain_interval: if causes.is_empty() { None } else { interval(&mut gains) },
         held_out: HeldOut {
@@ -279,31 +271,6 @@ pub fn measure(before: &Model, causes: &[Applied], setting: Setting) -> Measured
 fn damping_sd(judged: &[Judged]) -> f64 {
     let typical = &judged[judged.len() / 2];
     typical.metric.try_inverse().map_or(0.1, |c| c[(0, 0)].max(0.0).sqrt())
-}
-
-/// Histograms of both models' detection statistic on held-out healthy signals, in the same 40 bins up to four
-/// times the larger threshold at most; the last bin also holds what lies beyond.
-fn energies(before: &HeldOutFigures, after: &HeldOutFigures) -> Energies {
-    const BINS: usize = 40;
-    let thresholds = [before, after].map(|of| of.figures.threshold);
-    let all = before.healthy.iter().chain(&after.healthy);
-    let top = all.fold(0.0_f64, |m, v| m.max(*v));
-    let top = top.min(4.0 * thresholds[0].max(thresholds[1])).max(1e-9);
-    let edges: Vec<f64> = (0..=BINS).map(|k| top * k as f64 / BINS as f64).collect();
-    let count = |values: &[f64]| {
-        let mut bins = vec![0; BINS];
-        for v in values {
-            bins[((v / top * BINS as f64) as usize).min(BINS - 1)] += 1;
-        }
-        bins
-    };
-    Energies {
-        before: count(&before.healthy),
-        after: count(&after.healthy),
-        edges,
-        threshold_before: thresholds[0],
-        threshold_after: thresholds[1],
-    }
 }
 
 #[cfg(test)]

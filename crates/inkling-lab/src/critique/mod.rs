@@ -6,7 +6,7 @@
 //! 1. `engine` runs everything for ink channels; [`decay`] does so for few long decays of an oscillator.
 //! 2. `outliers` leaves odd signals out. The baseline, a mixed-effects model ([`model`], `settle`, `start`, `scatter`,
 //!    `matrices`), is fitted to single signals, never to an average alone.
-//! 3. `codes` (with `lattice`), `ensemble` and, later, `jitter` (with `between`) test converters, noise and trigger
+//! 3. `codes` (with `lattice`), `ensemble` (with `autoregression`) and, later, `jitter` (with `between`) test converters, noise and trigger
 //!    (`artefacts`).
 //! 4. All causes that move the expected signal ([`catalogue`]) are tested at once, as directions in one space of
 //!    linear extensions (`space`, `contributions`, `curvature`, `nuisance`, `candidates`, `clusters`). Those
@@ -15,7 +15,7 @@
 //!    tested without the catalogue (`adequacy`).
 //! 6. On signals that nothing was fitted to (`held_out`), `gain` measures misfit and detection, `worth` the
 //!    gain in likelihood (`population`, `predictive`, `whiteness`).
-//! 7. `verdict`, `words`, `evidence`, `figures`, `pictures` and [`report`] tell it; `extended` decides
+//! 7. `verdict`, `words`, `figures`, `pictures` and [`report`] tell it; `extended` decides
 //!    whether the model may become a design.
 //!
 //! Wherever signals are gone through, [`work`] is told, so that a critique shows its progress and can be ended
@@ -23,6 +23,7 @@
 
 mod adequacy;
 mod artefacts;
+mod autoregression;
 mod between;
 mod candidate;
 mod candidates;
@@ -37,7 +38,6 @@ pub mod decay;
 pub mod digits;
 pub mod engine;
 mod ensemble;
-mod evidence;
 mod extended;
 mod figures;
 pub mod finding;

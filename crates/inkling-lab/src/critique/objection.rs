@@ -1,6 +1,6 @@
 //! Why a candidate is not the cause, as values with their words: an [`Objection`] is a property of a
 //! candidate that fits but cannot be the cause; a [`WhyNot`] is the reason that a row of the evidence tells.
-//! Tests set objections, `search.rs` and `evidence.rs` the reasons.
+//! Tests set objections, `search.rs` and `candidate.rs` the reasons.
 
 use super::catalogue::CauseId;
 use thiserror::Error;
@@ -31,6 +31,8 @@ pub enum Objection {
     // objections to findings in codes, noise and trigger
     #[error("codes are missing, but not those between the multiples of a step")]
     NoLattice,
+    #[error("its higher lags or its levels are not those of an autoregression")]
+    NoAutoregression,
     #[error("what other causes leave")]
     LeftByOthers,
     /// A jitter whose bursts may vary as much across the shift in time as along it.
@@ -61,7 +63,7 @@ pub enum WhyNot {
     NotSignificant,
     #[error("{0}")]
     Objection(Objection),
-    /// It was refitted and lost; `evidence.rs` names the winner.
+    /// It was refitted and lost against something without a name.
     #[error("another cause explains more")]
     AnotherExplainsMore,
     #[error("{0} explains more")]

@@ -1,18 +1,16 @@
 //! The pictures of a critique's page (`report.rs`).
 //!
-//! In: a [`Critique`] with its `figures` and its evidence. Out: SVG markup with headings. Each title is a
+//! In: the [`Figures`] of a critique. Out: SVG markup with headings. Each title is a
 //! sentence that says what the figure shows, computed from its numbers. A figure without numbers is left out.
 
-use super::catalogue::CauseId;
 use super::digits::{short, significant};
-use super::finding::{Compared, CovariateFigure, Critique, Curve, Energies, Evidence};
+use super::finding::{Compared, CovariateFigure, Curve, Figures};
 use crate::plot::{Axis, Figure, Mark, SIZE, Series, page, unit_of_time};
 
 /// Number of figures against covariates that are visible at once; others are folded away.
 const OPEN_COVARIATES: usize = 4;
 
-pub fn drawn(c: &Critique) -> String {
-    let f = &c.figures;
+pub fn drawn(f: &Figures) -> String {
     let headed = |heading: &str, drawn: Option<Figure>| {
         let drawn = drawn.map(with_room).map(|of| page::figure(&of, SIZE, &of.title));
         page::section(heading, &drawn.unwrap_or_default())
@@ -34,8 +32,7 @@ pub fn drawn(c: &Critique) -> String {
         page += "</details>\n";
     }
 
-    page += &headed("Evidence for each candidate", evidence(&c.evidence));
-    page + &headed("Detection", energies(&f.energies))
+    page
 }
 
 /// Largest distance of a bin's mean (before the extension) from zero, over the half-width of its error bar.
@@ -187,84 +184,3 @@ pub(super) fn covariate(c: &CovariateFigure) -> Option<Figure> {
 const ASIDE: f64 = 0.008;
 /// Ratio of largest to smallest value from which on an axis of idle times is logarithmic.
 const WIDE: f64 = 30.0;
-
-/// Statistic over threshold of every candidate in the first step (the baseline) and in the last one.
-fn evidence(evidence: &[Evidence]) -> Option<Figure> {
-    // at least 0.001, which a logarithmic axis can show
-    let ratio = |e: &Evidence| (e.statistic / e.threshold).max(1e-3);
-    let drawable = |e: &&Evidence| e.tested() && e.statistic.is_finite() && e.threshold > 0.0;
-    let first: Vec<&Evidence> = evidence.iter().filter(|e| e.step == 0).filter(drawable).collect();
-    let last_step = evidence.iter().map(|e| e.step).max()?;
-    let mut order = first.clone();
-    let strongest = *order.iter().max_by(|x, y| ratio(x).total_cmp(&ratio(y)))?;
-    // candidates from bottom to top: by evidence, the chosen ones above all others
-    order.sort_by(|x, y| (x.accepted().cmp(&y.accepted())).then(ratio(x).total_cmp(&ratio(y))));
-    let passed_over = order.last().filter(|top| top.accepted() && top.id != strongest.id);
-    let place = |id: CauseId| order.iter().position(|known| known.id == id).map(|k| k as f64);
-    let points = |step: u32| -> Vec<(f64, f64)> {
-        let of_step = evidence.iter().filter(|e| e.step == step).filter(drawable);
-        of_step.filter_map(|e| Some((ratio(e), place(e.id)?))).collect()
-    };
-    let beyond = first.iter().filter(|e| ratio(e) > 1.0).count();
-    let names = order.iter().map(|e| e.id.to_string());
-    let mut series_of = vec![Series::new("against the baseline", Mark::Dots, points(0))];
-    if last_step > 0 {
-        series_of.push(Series::new("after the extension", Mark::Dots, points(last_step)));
-    }
-    Some(Figure {
-        title: match (beyond, passed_over) {
-            (0, _) => "No candidate reaches its threshold".to_owned(),
-            (_, Some(chosen)) => format!(
-                "{} is chosen, not {} with more evidence: {}",
-                chosen.id,
-                strongest.id,
-                strongest.why_not_in_words()
-            ),
-            (1, _) => format!("One candidate passes: {}", strongest.id),
-            (n, _) => format!("{n} candidates pass alone, {} furthest", strongest.id),
-        },
-        x: Axis { log: true, ..Axis::new("likelihood-ratio statistic over its threshold") },
-        // empty places above the candidates, for the legend
-        y: Axis {
-            categories: names.chain(vec![String::new(); 1 + order.len().div_ceil(5)]).collect(),
-            ..Axis::new("")
-        },
-        series: series_of,
-        thresholds: vec![(1.0, "threshold".to_owned())],
-    })
-}
-
-/// Histograms of the detection statistic of held-out healthy signals, with the thresholds; a single one if
-/// both are the same. `None`: detection was not measured.
-fn energies(e: &Energies) -> Option<Figure> {
-    if e.edges.len() < 2 || e.edges.len() != e.before.len() + 1 {
-        return None;
-    }
-    let steps = |name: &str, counts: &[u64]| {
-        let edges = e.edges.windows(2).zip(counts);
-        let points = edges.flat_map(|(w, n)| [(w[0], *n as f64), (w[1], *n as f64)]);
-        Series::new(name, Mark::Line, points.collect())
-    };
-    let of = |when: &str, threshold: f64| (threshold, format!("threshold{when}"));
-    let both = [short(e.threshold_before), short(e.threshold_after)];
-    let one = e.threshold_before == e.threshold_after;
-    Some(Figure {
-        title: match one {
-            true => format!("The detection threshold is {}", both[0]),
-            false => format!("The detection threshold goes from {} to {}", both[0], both[1]),
-        },
-        x: Axis {
-            log: e.edges[0] > 0.0,
-            ..Axis::new("detection statistic of held-out healthy signals")
-        },
-        y: Axis::new("signals"),
-        series: match one && e.before == e.after {
-            true => vec![steps("held-out signals", &e.before)],
-            false => vec![steps("before", &e.before), steps("after", &e.after)],
-        },
-        thresholds: match one {
-            true => vec![of("", e.threshold_before)],
-            false => vec![of(" before", e.threshold_before), of(" after", e.threshold_after)],
-        },
-    })
-}

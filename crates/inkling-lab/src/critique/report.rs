@@ -43,14 +43,13 @@ pub fn html(c: &Critique) -> String {
     let parts = [
         format!("<h1>Model critique: {}</h1>\n", c.verdict.as_str()),
         sentence(&c.sentence),
-        note(in_words(c.verdict)),
         note(&used),
         causes(c),
         plant(c),
         section("What remains, and what would settle it", &list(lines(&c.remarks))),
         equation(c),
         gain(&c.gain),
-        pictures::drawn(c),
+        pictures::drawn(&c.figures),
         section("Not testable on these recordings", &list(lines(&grouped(&c.not_testable)))),
         evidence(&c.evidence),
     ];
@@ -59,24 +58,6 @@ pub fn html(c: &Critique) -> String {
 
 fn in_brackets([low, high]: [f64; 2]) -> String {
     format!(" [{}, {}]", short(low), short(high))
-}
-
-fn in_words(verdict: Verdict) -> &'static str {
-    match verdict {
-        Verdict::None => {
-            "None: nothing in the signals that were used asks for more than the model has."
-        }
-        Verdict::Named => {
-            "Named: what the model lacks is in the catalogue of causes, and told apart from the others there."
-        }
-        Verdict::Tie => {
-            "Tie: several causes explain these signals equally well; what would tell them apart stands below."
-        }
-        Verdict::Unknown => {
-            "Unknown: the model lacks something, and no cause of the catalogue explains it. The nearest ones \
-             are told, as a direction and not as an answer."
-        }
-    }
 }
 
 fn causes(c: &Critique) -> String {
@@ -88,18 +69,15 @@ fn causes(c: &Critique) -> String {
         Verdict::Tie => "One of these",
         _ => "What it is",
     };
-    let percent = |share: f64| short(100.0 * share);
-    let shared = explained_together(&c.causes);
-    let together = shared
-        .map(|share| format!("<p>Together they explain {} % of it.</p>\n", percent(share)))
+    // the same in each of them
+    let explained = c.causes.iter().find_map(|cause| cause.explains);
+    let explained = explained
+        .map(|share| format!("<p>That explains {} % of it.</p>\n", short(100.0 * share)))
         .unwrap_or_default();
     let row = |cause: &Cause| {
         let mut name = format!("<b>{}</b>", cause.id);
         if cause.is_tied() {
             name += &format!("<br>or {}", escaped(&cause.tied_words()));
-        }
-        if let (Some(share), None) = (cause.explains, shared) {
-            name += &format!("<br>explains {} % of it", percent(share));
         }
         let worth = c.gain.worth(cause.id).map_or("not measured".into(), |worth| {
             format!("{}{}", short(worth.gain), in_brackets(worth.ci95))
@@ -133,18 +111,12 @@ fn causes(c: &Critique) -> String {
     let sentences = c.causes.iter().map(|cause| cause.sentence.clone());
     let sentences: Vec<String> = sentences.filter(|sentence| !is_told(sentence)).collect();
     [
-        format!("<h2>{title}</h2>\n{together}"),
+        format!("<h2>{title}</h2>\n{explained}"),
         table("", &heads, c.causes.iter().map(row)),
         list(lines(&sentences)),
         note(OF_CAUSES),
     ]
     .concat()
-}
-
-/// The share of the misfit that several causes explain together, if all have the same `explains`.
-fn explained_together(causes: &[Cause]) -> Option<f64> {
-    let first = causes.first()?.explains?;
-    (causes.len() > 1 && causes.iter().all(|c| c.explains == Some(first))).then_some(first)
 }
 
 /// The lines that are not empty, escaped.

@@ -77,11 +77,23 @@ impl<Model, Form> Round<Model, Form> {
         named.or_else(|| likeliest(false)).map(|(place, _)| place)
     }
 
+    /// Writes into the step's rows which candidate won, and that it explains more, or what others explain.
     fn tell(&self, winner: usize, rows: &mut [Evidence], ln_samples: f64) {
-        for (place, Contender { candidate, .. }) in self.contenders.iter().enumerate() {
-            if let Some(row) = rows.iter_mut().find(|row| row.id == candidate.id) {
+        let chosen = self.contenders[winner].candidate.id;
+        for row in rows {
+            let by_id = |c: &&Contender<Model, Form>| c.candidate.id == row.id;
+            let refitted = self.contenders.iter().find(by_id);
+            row.why_not = match (refitted, row.why_not) {
+                _ if row.id == chosen => None,
+                (Some(_), _) if chosen.has_name() => Some(WhyNot::ExplainsMore(chosen)),
+                (Some(_), _) => Some(WhyNot::AnotherExplainsMore),
+                (None, Some(WhyNot::NotLookedFor)) if chosen.has_name() => {
+                    Some(WhyNot::ExplainedBy(chosen))
+                }
+                (None, why_not) => why_not,
+            };
+            if let Some(Contender { candidate, .. }) = refitted {
                 row.delta_bic = candidate.delta_bic(ln_samples);
-                row.why_not = (place != winner).then_some(WhyNot::AnotherExplainsMore);
             }
         }
     }
@@ -174,6 +186,25 @@ mod tests {
         let winner = round.winner()?;
         let ((), Chosen { candidate, tied_with, tied_unnamed, .. }) = round.won(winner, 1.0);
         Some((candidate.id, [tied_with, tied_unnamed].concat()))
+    }
+
+    #[test]
+    fn who_passes_and_is_not_chosen_is_told_by_what() {
+        let all = [(Tone, 300.0), (Offset, 40.0), (Lowpass, 60.0), (Droop, 3.0)];
+        let all = all.map(|(id, statistic)| Candidate::plain(id, statistic, ()));
+        let contender = |c: &Candidate| Contender {
+            candidate: c.clone(),
+            model: (),
+            penalised: -c.statistic,
+            may_enter: true,
+        };
+        let round = Round { contenders: all[..2].iter().map(contender).collect(), least: -300.0 };
+        let mut rows = all.map(|candidate| candidate.evidence(0, 1.0));
+        round.tell(0, &mut rows, 1.0);
+        let told = rows.each_ref().map(Evidence::why_not_in_words);
+        assert_eq!(told, ["", "tone explains more", "explained by tone", "not significant"]);
+        let passes = Candidate::plain(Offset, 40.0, ()).evidence(1, 1.0).why_not_in_words();
+        assert_eq!(passes, "passes, but no further cause is looked for");
     }
 
     #[test]

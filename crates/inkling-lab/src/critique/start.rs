@@ -4,16 +4,15 @@
 //! rings.
 //!
 //! The steps: (1) average all signals per unit drive; (2) find the best single ring of this average by a grid
-//! over frequency and damping, refined by least squares; (3) let each channel descend from that ring to its
-//! own; (4) move the mean to the channels' median; (5) where channels were heard repeatedly, look for each
-//! signal's ring at other frequencies, too, where a descent would not find it.
+//! over frequency and damping; (3) let each channel descend from that ring to its own; (4) move the mean to the
+//! channels' median; (5) where channels were heard repeatedly, look for each signal's ring at other frequencies,
+//! too, where a descent would not find it.
 
 use super::matrices::{Matrix5, Vector5};
 use super::model::{Additions, LAMBDA_OVER_SIGMA, Linear, Model, free_products};
 use super::observations::Observations;
 use super::waves::power_at;
-use inkling_core::model::descent::{Damping, descend};
-use inkling_core::model::free_decay::{ALL, FREE, Tangent, Theta};
+use inkling_core::model::free_decay::{FREE, Theta};
 use inkling_core::model::inner_product::dot;
 use inkling_core::model::median::median;
 use inkling_core::numbers::LITTLE;
@@ -107,8 +106,8 @@ impl Model {
     }
 }
 
-/// The best single ring of one signal y (counts), by a grid over frequency and damping and a refinement. The
-/// offset only keeps an offset of the signal from bending the ring. `None`: the ring explains less than a
+/// The best single ring of one signal y (counts), by a grid over frequency and damping. The offset
+/// only keeps an offset of the signal from bending the ring. `None`: the ring explains less than a
 /// tenth (`little`) of the signal's square about its mean. The last element is ln lambda.
 fn first_guess(y: &[f64]) -> Option<Theta> {
     let n = y.len();
@@ -149,39 +148,5 @@ fn first_guess(y: &[f64]) -> Option<Theta> {
         }
     }
     let (cost, theta) = best?;
-    let theta = refine(&theta, y);
     (cost < (1.0 - LITTLE) * total && theta.iter().all(|v| v.is_finite())).then_some(theta)
-}
-
-/// Moves one ring and an offset, from `theta` and 0 on, to the nearest least squares of the signal y. Lambda
-/// stays at `LAMBDA_OVER_SIGMA` times the damping.
-fn refine(theta: &Theta, y: &[f64]) -> Theta {
-    let n = y.len();
-    let cost = |(theta, offset): &(Theta, f64)| {
-        let mut tangent = Tangent::default();
-        tangent.at(theta, theta[4], n);
-        let left = DVector::from_fn(n, |k, _| y[k] - tangent.y[k] - offset);
-        (left.norm_squared(), (tangent, left))
-    };
-    let slope = |_: &_, (Tangent { columns, .. }, left): (Tangent, DVector<f64>)| {
-        let jacobian = DMatrix::from_fn(n, 6, |k, j| if j < FREE { columns[j][k] } else { 1.0 });
-        Some((jacobian.tr_mul(&jacobian), jacobian.tr_mul(&left)))
-    };
-    let step = |(theta, offset): &(Theta, f64),
-                (gram, product): &(DMatrix<f64>, DVector<f64>),
-                damping| {
-        let mut damped = gram.clone();
-        (0..6).for_each(|j| damped[(j, j)] += damping * gram[(j, j)] + 1e-12);
-        let step = damped.cholesky()?.solve(product);
-        let mut trial = *theta;
-        for j in 0..FREE {
-            let most = if j < 2 { 0.3 } else { f64::INFINITY };
-            trial[j] += step[j].clamp(-most, most);
-        }
-        trial[ALL - 1] = trial[0] + LAMBDA_OVER_SIGMA.ln();
-        Some((trial, offset + step[5]))
-    };
-    let rests = |gained: f64, left: f64| gained < 1e-12 * (left + gained);
-    let damping = Damping { first: 1e-3, down: 0.3, least: 1e-12, up: 10.0, most: 1e12 };
-    descend((*theta, 0.0), damping, 60, cost, slope, step, rests).0.0
 }

@@ -105,6 +105,8 @@ pub const PLACES: [f64; 5] = [1e-3, 0.3, -0.3, 0.6, -0.6];
 pub const LAGS: [f64; 5] = [0.0, 1.0 / 30.0, 0.25, -1.0 / 30.0, -0.25];
 /// Time constants of a frequency's settling in the signal; 0: it changes along a straight line.
 pub const SETTLES: [f64; 3] = [0.0, 4.0, 16.0];
+/// Correlations from sample to sample of a slower part that noise may have beside an autoregression.
+pub const SLOWER: [f64; 4] = [0.4, 0.7, 0.9, 0.98];
 /// Range of the compliance ratio B_t/B_m that is searched. With a lower end of .03, five of five menisci by
 /// another generator had no name; with .001, droops of one detection limit were called menisci.
 pub const MENISCUS: (f64, f64) = (0.005, 1.0);

@@ -21,11 +21,14 @@ use nalgebra::{DMatrix, DVector};
 
 /// Largest number of lags; short signals have a quarter of their length.
 const LAGS: usize = 10;
+/// Of more signals than this only every second, third, .. is tested.
+pub const MOST_WHITENED: usize = 2048;
 
+#[derive(Clone)]
 pub struct Lags {
     /// The autocorrelations less their mean under white noise.
-    off: DVector<f64>,
-    covariance: DMatrix<f64>,
+    pub off: DVector<f64>,
+    pub covariance: DMatrix<f64>,
 }
 
 impl Lags {
@@ -53,19 +56,29 @@ impl Lags {
         });
         Lags { off, covariance }
     }
+
+    /// `None` without any signal.
+    pub fn sum<'a>(mut all: impl Iterator<Item = &'a Lags>) -> Option<Lags> {
+        let first = all.next()?.clone();
+        Some(all.fold(first, |mut sum, one| {
+            sum.off += &one.off;
+            sum.covariance += &one.covariance;
+            sum
+        }))
+    }
+
+    /// off^T covariance^-1 off. `None`: the covariance has no inverse.
+    pub fn statistic(&self) -> Option<f64> {
+        let factor = self.covariance.clone().cholesky()?;
+        Some(self.off.dot(&factor.solve(&self.off)))
+    }
 }
 
 /// NaN without any signal, or if the covariance has no inverse.
-pub fn whiteness_p<'a>(mut all: impl Iterator<Item = &'a Lags>) -> f64 {
-    let Some(first) = all.next() else { return f64::NAN };
-    let (mut off, mut covariance) = (first.off.clone(), first.covariance.clone());
-    for one in all {
-        off += &one.off;
-        covariance += &one.covariance;
-    }
-    let Some(factor) = covariance.cholesky() else { return f64::NAN };
-    let statistic = off.dot(&factor.solve(&off));
-    (-surprise(statistic, off.len(), 1.0, f64::INFINITY)).exp()
+pub fn whiteness_p<'a>(all: impl Iterator<Item = &'a Lags>) -> f64 {
+    let sum = Lags::sum(all);
+    let of = |sum: &Lags| Some(surprise(sum.statistic()?, sum.off.len(), 1.0, f64::INFINITY));
+    sum.as_ref().and_then(of).map_or(f64::NAN, |surprise| (-surprise).exp())
 }
 
 #[cfg(test)]

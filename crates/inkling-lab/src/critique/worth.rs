@@ -277,14 +277,10 @@ fn worth(gains: &[f64], of: &[Signal]) -> Worth {
     let known = gains.iter().zip(of).filter(|(gain, _)| gain.is_finite());
     let (gains, units): (Vec<f64>, Vec<usize>) =
         known.map(|(gain, signal)| (*gain, signal.unit)).unzip();
-    let groups = by_channel(units.into_iter());
     let mean = |chosen: &[usize]| {
-        let of = chosen.iter().flat_map(|k| &groups[*k]).map(|i| gains[*i]);
-        let (sum, count) = of.fold((0.0, 0.0), |(sum, count), gain| (sum + gain, count + 1.0));
-        sum / f64::max(count, 1.0)
+        chosen.iter().map(|i| gains[*i]).sum::<f64>() / chosen.len().max(1) as f64
     };
-    let mut drawn = resampled(groups.len(), 2, mean);
-    let gain = mean(&(0..groups.len()).collect::<Vec<usize>>());
+    let (gain, mut drawn) = resampled(&by_channel(units.into_iter()), 2, mean);
     Worth { gain, ci95: interval(&mut drawn).unwrap_or([f64::NAN; 2]) }
 }
 

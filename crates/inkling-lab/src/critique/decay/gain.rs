@@ -15,46 +15,30 @@ use super::selection::Selected;
 use super::stretches::Stretches;
 use super::{spectrum, worth};
 use crate::critique::chance::{
-    ONCE_IN_100, interval_of, resampled, surprise, surprise_of_count, without_a_name,
+    ONCE_IN_100, interval_of, resampled, surprise_of_count, without_a_name,
 };
-use crate::critique::figures::band_of_means;
+use crate::critique::figures::{BINS, band_of_means, in_bins};
 use crate::critique::finding::{
     Compared, CovariateFigure, Curve, Figures, Gain, GainFigures, HeldOut, Misfit,
 };
 use crate::critique::gain::Squares;
+use crate::critique::whiteness::{Lags, whiteness_p};
 use inkling_core::model::median::median;
-use nalgebra::Complex;
+use nalgebra::{Complex, DMatrix};
 use std::f64::consts::TAU;
 use std::ops::Range;
 
-/// Number of lags that are tested for whiteness.
-const LAGS: usize = 10;
 /// Unit of the figures: the recording does not name its own.
 const UNIT: &str = "units of the recording";
 
-/// p-value of the misfit being white, over the samples (by their index in a series) that
-/// `looked_at` selects: as Ljung and Box, by the squared correlations of each output. What a fit
-/// itself correlates is not allowed for; decays are long.
-pub fn whiteness(misfit: &[f64], decays: &Decays, looked_at: impl Fn(usize) -> bool) -> f64 {
-    let sizes = sizes(misfit, decays);
-    let (mut q, mut degrees) = (0.0, 0);
-    for (output, size) in sizes.iter().enumerate() {
-        for lag in 1..=LAGS.min(decays.samples / 4) {
-            let (mut sum, mut count) = (0.0, 0.0);
-            for r in decays.of_output(misfit, output) {
-                let both = |k: &usize| looked_at(*k) && looked_at(*k - lag);
-                for k in (lag..r.len()).filter(both) {
-                    sum += r[k] * r[k - lag];
-                    count += 1.0;
-                }
-            }
-            if count > 4.0 {
-                q += (sum / (size * size)).powi(2) / count;
-                degrees += 1;
-            }
-        }
-    }
-    (-surprise(q, degrees.max(3), 1.0, f64::INFINITY)).exp()
+/// p-value of the misfit being white within these ranges of each series; one that is shorter than the first is not
+/// looked at. What a fit itself correlates is not allowed for; decays are long.
+pub fn whiteness(misfit: &[f64], decays: &Decays, ranges: &[Range<usize>]) -> f64 {
+    let lags = |y: &[f64]| Lags::of(y.to_vec(), &DMatrix::zeros(y.len(), 0));
+    let whole = ranges.iter().filter(|range| range.len() >= ranges[0].len());
+    let of = |series: &[f64]| whole.clone().map(|range| lags(&series[range.clone()])).collect();
+    let all: Vec<Vec<Lags>> = misfit.chunks(decays.samples).map(of).collect();
+    whiteness_p(all.iter().flatten())
 }
 
 const PARTS: usize = 32;
@@ -116,14 +100,14 @@ fn figures(decays: &Decays, misfit: &[f64], sds: &[f64]) -> GainFigures {
         Stretches::of(decays).ranges(true).into_iter().flat_map(of_stretch).collect();
     let total =
         |chosen: &[usize]| chosen.iter().map(|i| each[*i]).sum::<Squares>().chi2_and_nrmse();
-    let drawn = resampled(each.len(), 1, total);
-    let [chi2_per_dof, nrmse_percent] = total(&(0..each.len()).collect::<Vec<usize>>());
+    let alone: Vec<Vec<usize>> = (0..each.len()).map(|i| vec![i]).collect();
+    let ([chi2_per_dof, nrmse_percent], drawn) = resampled(&alone, 1, total);
     GainFigures {
         chi2_per_dof,
         chi2_per_dof_interval: interval_of(&drawn, 0),
         nrmse_percent,
         nrmse_percent_interval: interval_of(&drawn, 1),
-        whiteness_p: whiteness(misfit, decays, |k| Stretches::of(decays).is_held_out(k)),
+        whiteness_p: whiteness(misfit, decays, &Stretches::of(decays).ranges(true)),
         threshold: f64::NAN,
         false_alarms: f64::NAN,
         detection_auc: f64::NAN,
@@ -140,7 +124,7 @@ pub fn measure(selected: &Selected) -> (Misfit, Gain) {
     let series = 0..decays.bursts * decays.outputs;
     let all: Squares = series.map(|series| squares(decays, &before, &sds, series, 0..n)).sum();
     let [chi2_per_dof, nrmse_percent] = all.chi2_and_nrmse();
-    let whiteness_p = whiteness(&before, decays, |_| true);
+    let whiteness_p = whiteness(&before, decays, std::slice::from_ref(&(0..n)));
     let misfit = Misfit { chi2_per_dof, nrmse_percent, whiteness_p };
 
     let stretches = Stretches::of(decays);
@@ -232,7 +216,6 @@ pub fn draw(selected: &Selected) -> Figures {
         spectrum,
         unit: UNIT.into(),
         covariates: against_amplitude(selected, &after),
-        ..Figures::default()
     }
 }
 
@@ -252,8 +235,8 @@ fn local(y: &[f64], omega: f64, length: usize) -> Vec<[f64; 3]> {
 }
 
 /// Amplitude of a stretch, in the unit of the recording; then, of the frequency and of the damping, what both
-/// models leave and the standard deviation, relative to the plain oscillation's.
-type Stretch = (f64, [[f64; 3]; 2]);
+/// models leave, relative to the plain oscillation's.
+type Point = (f64, [[f64; 2]; 2]);
 
 /// Misfit of the frequency and the damping of single stretches, of four swings each, against their amplitude,
 /// in bins. `after`: the extended model's misfit; what that model expects of a stretch is measured in the
@@ -261,11 +244,10 @@ type Stretch = (f64, [[f64; 3]; 2]);
 /// Empty where less than three stretches tell something, or several modes ring.
 fn against_amplitude(selected: &Selected, after: &[f64]) -> Vec<CovariateFigure> {
     let decays = selected.fit.decays;
-    const BINS: usize = 8;
     let rates = [selected.baseline.p[OMEGA], selected.baseline.p[SIGMA]];
     let length = ((4.0 * TAU / rates[0]).round() as usize).max(16);
     let noise = sizes(after, decays)[0];
-    let mut points: Vec<Stretch> = Vec::new();
+    let mut points: Vec<Point> = Vec::new();
     let series =
         |y: &[f64], b: usize| y[b * decays.outputs * decays.samples..][..decays.samples].to_vec();
     for b in 0..decays.bursts {
@@ -273,11 +255,10 @@ fn against_amplitude(selected: &Selected, after: &[f64]) -> Vec<CovariateFigure>
         let simulated: Vec<f64> = y.iter().zip(left).map(|(y, r)| y - r).collect();
         let both = [&y, &simulated].map(|y| local(y, rates[0], length));
         for (seen, expected) in both[0].iter().zip(&both[1]) {
-            let sd = 2.0 * noise / seen[0] / (length as f64).powf(1.5);
             let of = |j: usize| {
                 let base = rates[j].abs().max(1e-9);
                 let [own, model] = [seen[j + 1], expected[j + 1]];
-                [(own - rates[j]) / base, (own - model) / base, sd / base]
+                [(own - rates[j]) / base, (own - model) / base]
             };
             // only what is well above the noise tells something
             if seen[0] > 5.0 * noise {
@@ -291,21 +272,15 @@ fn against_amplitude(selected: &Selected, after: &[f64]) -> Vec<CovariateFigure>
     if points.len() < 3 || selected.fit.lines() > 0 {
         return Vec::new();
     }
-    let bins: Vec<_> = points.chunks(points.len().div_ceil(BINS)).collect();
-    let mean = |of: &dyn Fn(&Stretch) -> f64| -> Vec<f64> {
-        bins.iter().map(|bin| bin.iter().map(of).sum::<f64>() / bin.len() as f64).collect()
-    };
     let of_parameter = |(which, parameter): (usize, &str)| {
-        let squares = mean(&|p| p.1[which][2].powi(2));
-        let bars = squares.iter().zip(&bins).map(|(v, bin)| 1.96 * (v / bin.len() as f64).sqrt());
-        let bars: Vec<f64> = bars.collect();
-        let curve = |state: usize| Curve::about(mean(&|p| p.1[which][state]), bars.clone());
-        let means = Compared { x: mean(&|p| p.0), before: curve(0), after: curve(1) };
+        let left = |(x, of): &Point| [*x, of[which][0], of[which][1]];
+        let bins =
+            points.chunks(points.len().div_ceil(BINS).max(3)).map(|bin| bin.iter().map(left));
         CovariateFigure {
             covariate: "amplitude".into(),
             unit: UNIT.into(),
             parameter: parameter.into(),
-            means,
+            means: in_bins(bins),
             ..CovariateFigure::default()
         }
     };

@@ -78,7 +78,7 @@ fn left(selected: &Selected, named: bool) -> Unexplained {
     if let Some(like) = selected.strongest_rival().filter(|_| !named) {
         significant.push(format!("something like {}", like.form.term.words()));
     }
-    let p = gain::whiteness(&misfit, decays, |_| true);
+    let p = gain::whiteness(&misfit, decays, std::slice::from_ref(&(0..decays.samples)));
     if p < 1e-4 && (named || predictable > MOSTLY) {
         significant.push(not_white(p, predictable, &misfit, decays));
     }
