@@ -1,4 +1,4 @@
-//! What a report needs of the verdicts of a recording, kept beside them: `.<stem>.counts`. Reading the verdicts of a
+//! What a report needs of the verdicts of a recording, kept beside its summary: `.<stem>.counts`. Reading the verdicts of a
 //! year again on each night would take longer than the night's own work; the counts take as long as there are
 //! recordings.
 //!
@@ -12,7 +12,7 @@ use inkling_core::episodes::Episode;
 use inkling_io::digest::of_bytes;
 use inkling_io::file_error::FileError;
 use inkling_io::objects::in_object_store;
-use inkling_io::{part_file, regular_file, stored};
+use inkling_io::{part_file, regular_file, stored, summary_file};
 use serde_json::{Value, json};
 use std::io::{self, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
@@ -37,9 +37,9 @@ impl Key {
         episodes: &[Episode],
         document: &Value,
     ) -> Result<Option<Key>, FileError> {
-        let Some(name) = verdicts.file_name().filter(|_| !in_object_store(verdicts)) else {
+        if in_object_store(verdicts) {
             return Ok(None);
-        };
+        }
         let footer = footer(verdicts).map_err(FileError::unread(verdicts))?;
         let times = &document["wrong_times"];
         let all = json!([
@@ -50,9 +50,11 @@ impl Key {
             episodes,
             times
         ]);
-        let name = name.to_string_lossy();
-        let stem = name.strip_suffix(".verdicts.parquet").unwrap_or(&name);
-        let path = verdicts.with_file_name(format!(".{stem}.counts"));
+        // beside the summary: a directory of tables that is read as one data set holds nothing else
+        let summary = summary_file::path_beside(verdicts);
+        let name = summary.file_name().unwrap_or_default().to_string_lossy();
+        let stem = name.strip_suffix(".summary.json").unwrap_or(&name);
+        let path = summary.with_file_name(format!(".{stem}.counts"));
         Ok(Some(Key { path, digest: of_bytes(all.to_string().as_bytes()) }))
     }
 
