@@ -135,6 +135,18 @@ fn counts_of_other_verdicts_or_damaged_ones_are_made_anew() {
 }
 
 #[test]
+fn of_tables_of_a_recording_by_other_settings_the_newer_one_counts() {
+    let house = House::new();
+    house.copy("print_run.mcap", "rec/a.mcap");
+    house.ok("replay rec --design sample_logs/design.json --out out");
+    house.copy("print_run.mcap", "rec/moved/a.mcap");
+    house.remove("rec/a.mcap");
+    house.ok("replay rec --design sample_logs/design.json --out out --set isolate.certainty=0.99");
+    let notes = house.json("report out --json")["notes"].to_string();
+    assert!(notes.contains("out/a.verdicts.parquet: verdicts of a recording"), "{notes}");
+}
+
+#[test]
 fn sixty_recordings_with_six_faulty_channels_are_six_lines_with_their_onsets() {
     let house = House::new();
     record(&house);

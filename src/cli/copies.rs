@@ -26,10 +26,9 @@ pub fn left_out(tables: &[Table]) -> Vec<Option<String>> {
     let made_ns =
         |table: &Table| stored::stamp(table.path).ok().and_then(|stamp| stamp.modified_ns);
     let judged = |table: &Table| table.document["counts"]["judged"].as_u64().unwrap_or_default();
-    let by = |table: &Table| ["design", "settings"].map(|of| table.document[of].clone());
-    let has_design = |table: &Table| table.document["design"].is_string();
+    let has_design = |table: &Table| table.document["has_design"] == true;
     let is_better = |this: &Table, that: &Table| {
-        let by_age = match by(this) == by(that) {
+        let by_age = match this.document["by"] == that.document["by"] {
             true => judged(this).cmp(&judged(that)).then(made_ns(that).cmp(&made_ns(this))),
             false => (has_design(this), made_ns(this)).cmp(&(has_design(that), made_ns(that))),
         };

@@ -138,3 +138,31 @@ fn of_period(bursts: &[Burst]) -> Option<String> {
         )
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use inkling_core::burst::Format;
+
+    #[test]
+    fn one_channel_at_a_rail_is_no_wrong_layout_and_a_wrong_layout_is() {
+        let ring = |channel: usize| -> Vec<f32> {
+            let [size, turn] = [90.0 + channel as f64, 0.3 + 1e-4 * channel as f64];
+            let sample = |k: f64| size * (-k / 50.0).exp() * (turn * k).cos();
+            (0..128).map(|k| sample(f64::from(k)) as f32).collect()
+        };
+        for layout in [Layout::ChannelMajor, Layout::SampleMajor] {
+            let mut signals: Vec<Vec<f32>> = (0..48).map(ring).collect();
+            signals[7] = vec![32767.0; 128];
+            let burst = Burst::of(&signals, 1e-6, Format::F32Le, layout);
+            assert_eq!(of_layout(&[burst.clone()]), None, "{layout:?}");
+            signals[7] = ring(7);
+            let right = Burst::of(&signals, 1e-6, Format::F32Le, layout);
+            let other = match layout {
+                Layout::ChannelMajor => Layout::SampleMajor,
+                Layout::SampleMajor => Layout::ChannelMajor,
+            };
+            assert!(of_layout(&[Burst { layout: other, ..right }]).is_some(), "{layout:?}");
+        }
+    }
+}

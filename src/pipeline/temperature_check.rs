@@ -88,3 +88,34 @@ impl TemperatureCheck {
         of.chain(odd.map(|(name, range)| (name.clone(), not_believed(range)))).collect()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use inkling_core::burst::{Format, Layout};
+    use inkling_io::design_file;
+    use std::path::Path;
+
+    #[test]
+    fn what_is_no_temperature_of_ink_counts_as_not_recorded_and_is_told() {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("sample_logs/design.json");
+        let design = design_file::read(&path).unwrap().0;
+        let mut model = design.pooled.clone();
+        model.temperature_c = Some(24.0);
+        model.temperature_response = Some(vec![0.1; model.expected.len()]);
+        let recorded = [23.5, 40.0, 75.2, -127.0, 297.0, f64::NAN];
+        assert_eq!(recorded.map(|t| model.warmer(t)), [-0.5, 16.0, 0.0, 0.0, 0.0, 0.0]);
+
+        let judge = Judge::new(0, Arc::new(model), None, Some(&design), &Default::default());
+        let (judge, mut check) = (judge.unwrap(), TemperatureCheck::default());
+        let signals = [vec![0.0f32; design.samples]];
+        for t in [23.5, 85.0] {
+            assert!(check.warnings().is_empty(), "before {t}");
+            let of =
+                Burst::of(&signals, design.sample_period_s, Format::F32Le, Layout::ChannelMajor);
+            check.take(&judge, &Burst { temperature_c: Some(t), ..of });
+        }
+        let told = check.warnings();
+        assert!(told[0].1.contains("85") && told[0].1.contains("not recorded"), "{told:?}");
+    }
+}

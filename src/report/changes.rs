@@ -139,3 +139,43 @@ impl<'a> Changes<'a> {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::fixtures::{spell, watch_of};
+    use super::super::settings::ReportSettings;
+    use super::super::story::{Rates, stories};
+    use super::super::watch::Flagged;
+    use super::*;
+
+    #[test]
+    fn a_fault_that_is_called_otherwise_since_then_is_another() {
+        let changed = |name: &str| {
+            let spells = vec![spell(0, 0, None, "dried_nozzle"), spell(1, 100, None, name)];
+            let bursts: Vec<_> = [0, 1, 2, 100, 101, 102]
+                .map(|t| ((t / 100) as usize, t, Some(Flagged::default())))
+                .into();
+            let stories = stories(&watch_of(spells, &bursts), &Rates::default());
+            let faults = Fault::of_channel(stories, &ReportSettings::default());
+            let line = |source: usize| RecordingLine {
+                name: source.to_string(),
+                source,
+                span: Some((100 * source as i64, 100 * source as i64 + 2)),
+                judged: 3,
+                flaws: String::new(),
+                is_damaged: false,
+                is_known: false,
+                has_episodes: true,
+                heads: Default::default(),
+            };
+            let lines = [line(0), line(1)];
+            let changes = Changes::since(&lines, &faults, |name| name == "0", |_| None);
+            let of = |key: &str| {
+                changes.kinds.iter().find(|kind| kind.0 == key).map_or(0, |kind| kind.2.len())
+            };
+            (of("changed"), changes.still)
+        };
+        assert_eq!(changed("air_bubble"), (1, 0));
+        assert_eq!(changed("dried_nozzle"), (0, 1));
+    }
+}

@@ -9,13 +9,35 @@ use super::night::{Span, whole};
 use super::watch::BurstCounts;
 use inkling_core::verdict::Reason;
 use serde::{Deserialize, Serialize};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashMap};
 
 /// Least number of signals of a channel from which it can be told that the channel fell silent. With fewer,
 /// the channel may have been measured once in a scan over all channels, and an early time says nothing.
 const SEVERAL: u64 = 4;
 /// From this many flagged signals on they are no false alarms if they are most of a channel's signals.
 const AGAIN: u64 = 3;
+
+/// Most channels of a printhead that are counted one by one.
+pub const MOST_CHANNELS: usize = 1 << 16;
+
+/// The places of a printhead's channels in a list, by channel number, in the order in which they were met.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Places(HashMap<u32, usize>);
+
+impl Places {
+    /// The place of a channel; `add` is called with the place of one that is new. `None`: there are too many channels.
+    pub fn of(&mut self, channel: u32, add: impl FnOnce(usize)) -> Option<usize> {
+        let new = self.0.len();
+        if let Some(&known) = self.0.get(&channel) {
+            return Some(known);
+        }
+        (new < MOST_CHANNELS).then(|| {
+            self.0.insert(channel, new);
+            add(new);
+            new
+        })
+    }
+}
 
 /// Counts of the signals of one printhead in one recording.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]

@@ -9,7 +9,7 @@
 //! once. A row counts as judged unless it was rejected, or the head changed or its channel froze, and as flagged if
 //! it was judged and not healthy.
 
-use super::counts::{InRecording, Tally};
+use super::counts::{InRecording, Places, Tally};
 use super::map::{HeadMap, class};
 use super::night::whole;
 use super::watch::{Flagged, Size, Watched};
@@ -23,8 +23,6 @@ use std::sync::Arc;
 
 /// Most printheads of a recording that get a map, those with episodes first.
 const MOST_MAPS: usize = 96;
-/// Most channels of a printhead that are counted one by one; rows of further channels are left out.
-pub const MOST_CHANNELS: usize = 1 << 16;
 /// Most printheads that are counted one by one; rows of further printheads are left out.
 pub const MOST_PRINTHEADS: usize = 1 << 12;
 
@@ -34,7 +32,7 @@ pub struct RecordingCounts {
     pub heads: Vec<HeadCounts>,
     /// `KNOWN_CATEGORIES`, then others in the order in which they are met.
     pub categories: Vec<String>,
-    /// Number of rows beyond `MOST_PRINTHEADS` and `MOST_CHANNELS`. Nothing else counts them.
+    /// Number of rows beyond [`MOST_PRINTHEADS`] and [`super::counts::MOST_CHANNELS`]. Nothing else counts them.
     pub left_out: u64,
     pub has_maps: bool,
     /// Index into `heads`, by name, while rows are added.
@@ -51,9 +49,9 @@ pub struct HeadCounts {
     /// Those of channels with episodes, by channel number.
     pub watched: BTreeMap<u32, Watched>,
     pub map: Option<HeadMap>,
-    /// Index into `channels`, by channel number, while rows are added.
+    /// Into `channels`, while rows are added.
     #[serde(skip)]
-    places: HashMap<u32, usize>,
+    places: Places,
 }
 
 /// The names to which the indices in a recording's columns refer.
@@ -140,19 +138,11 @@ impl HeadCounts {
         if self.channels.get(guess).is_some_and(|c| c.channel == channel) {
             return Some(guess);
         }
-        if let Some(&place) = self.places.get(&channel) {
-            return Some(place);
-        }
-        let place = self.channels.len();
-        if place >= MOST_CHANNELS {
-            return None;
-        }
-        self.places.insert(channel, place);
-        self.channels.push(InRecording { channel, ..InRecording::default() });
-        if let Some(map) = &mut self.map {
-            map.make_room(place + 1);
-        }
-        Some(place)
+        let HeadCounts { channels, map, places, .. } = self;
+        places.of(channel, |place| {
+            channels.push(InRecording { channel, ..InRecording::default() });
+            map.iter_mut().for_each(|map| map.make_room(place + 1));
+        })
     }
 
     /// Adds the rows of one burst to the counts, the map and the channels. Returns how many rows are left out,
@@ -245,6 +235,7 @@ fn shown(c: &VerdictColumns, row: usize, codes: &[u8]) -> u8 {
 
 #[cfg(test)]
 mod tests {
+    use super::super::counts::MOST_CHANNELS;
     use super::super::fixtures::{NAMELESS, verdicts};
     use super::*;
 

@@ -418,6 +418,40 @@ mod tests {
         assert_eq!(all[0].ended_at_ns, None);
     }
 
+    #[test]
+    fn a_fault_that_goes_on_in_one_of_three_bursts_is_not_over_where_its_episode_ended() {
+        let ended = || vec![spell(0, 5, Some(12), "dried_nozzle")];
+        let goes_on = |t: i64| (5..12).contains(&t) || t >= 12 && t % 3 == 0;
+        assert_eq!(stories(&watched(ended(), 3, goes_on), &RATES())[0].ended_at_ns, None);
+        let once_more = |t: i64| (5..12).contains(&t) || t == 15;
+        assert_eq!(stories(&watched(ended(), 3, once_more), &RATES())[0].ended_at_ns, Some(12));
+    }
+
+    /// Thresholds tighten while a channel is learned: distances grow, and no ring changes.
+    #[test]
+    fn a_distance_grows_only_where_the_ring_changes() {
+        let day = 86_400_000_000_000;
+        let grows = |hz_a_day: f64| {
+            let spells = (0..8).map(|r| {
+                let mut on = spell(r, r as i64 * day, None, "");
+                on.episode.category = None;
+                on
+            });
+            let bursts = (0..8usize).flat_map(|r| {
+                (0..20).map(move |k| {
+                    let t_ns = r as i64 * day + i64::from(k) * 1_000_000_000;
+                    let wobble = f64::from(k % 3);
+                    let ring = [50e3 + hz_a_day * r as f64 + wobble, 3e4];
+                    let distance = Some(3.0 + r as f64 + 0.01 * wobble);
+                    (r, t_ns, Some(Flagged { distance, ring: Some(ring), ..Flagged::default() }))
+                })
+            });
+            let bursts: Vec<_> = bursts.collect();
+            stories(&watch_of(spells.collect(), &bursts), &RATES())[0].trend.is_some()
+        };
+        assert!(!grows(0.0) && grows(-40.0));
+    }
+
     /// The signals of the first five recordings are named and sized, those of the others only grow.
     #[test]
     fn what_signals_carry_no_longer_is_told_as_last_known() {

@@ -7,10 +7,10 @@
 //! The episodes come first, because they decide which channels are watched, and which printheads
 //! get a map.
 
-use super::counts::{ChannelCount, Tally};
+use super::counts::{ChannelCount, Places, Tally};
 use super::map::{HeadMap, Picture};
 use super::recording_counts::{
-    HeadCounts, KNOWN_CATEGORIES, MOST_CHANNELS, MOST_PRINTHEADS, RecordingCounts, code,
+    HeadCounts, KNOWN_CATEGORIES, MOST_PRINTHEADS, RecordingCounts, code,
 };
 use super::watch::{Spell, Watch};
 use inkling_core::episodes::Episode;
@@ -25,8 +25,8 @@ const MOST_MAPS: usize = 24;
 pub struct Head {
     pub name: Arc<str>,
     pub channels: Vec<ChannelCount>,
-    /// Index into `channels`, by channel number.
-    pub(super) places: HashMap<u32, usize>,
+    /// Into `channels`.
+    places: Places,
     pub watches: Vec<Watch>,
     /// The map of the printhead; `None` if it is beyond the number of printheads that are drawn, here or in one of
     /// the recordings.
@@ -166,19 +166,11 @@ impl Head {
     /// The index of a channel in `channels`, which is added if it is new; `None` if there are too many
     /// channels.
     fn place(&mut self, channel: u32) -> Option<usize> {
-        if let Some(&place) = self.places.get(&channel) {
-            return Some(place);
-        }
-        let place = self.channels.len();
-        if place >= MOST_CHANNELS {
-            return None;
-        }
-        self.places.insert(channel, place);
-        self.channels.push(ChannelCount::new(channel));
-        if let Some(map) = &mut self.map {
-            map.make_room(place + 1);
-        }
-        Some(place)
+        let Head { channels, map, places, .. } = self;
+        places.of(channel, |place| {
+            channels.push(ChannelCount::new(channel));
+            map.iter_mut().for_each(|map| map.make_room(place + 1));
+        })
     }
 
     /// Adds what a recording holds of the printhead. `codes`: here, of the recording's categories.

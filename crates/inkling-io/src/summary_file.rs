@@ -8,15 +8,14 @@
 
 use super::regular_file::{self, if_there};
 use super::verdict_reader::document_of;
-use super::{printable, stored};
-use serde_json::{Map, Value};
+use super::{digest, printable, stored};
+use serde_json::{Map, Value, json};
 use std::path::{Path, PathBuf};
 
 /// The models of a long recording and all damage that a summary lists take less.
 const MOST_BYTES: u64 = 64 << 20;
-const OF_RECORDING: [&str; 10] = [
+const OF_RECORDING: [&str; 9] = [
     "recording",
-    "design",
     "counts",
     "expected",
     "classes",
@@ -61,14 +60,18 @@ pub fn of_table(verdicts: &Path) -> Value {
 fn reported(mut document: Value) -> Value {
     let mut kept: Map<String, Value> =
         OF_RECORDING.iter().map(|key| ((*key).to_owned(), taken(&mut document, key))).collect();
-    kept.insert("settings".into(), serde_json::json!({"detect": document["settings"]["detect"]}));
+    // by what it was judged, in short
+    let by = json!([document["design"], document["settings"]]);
+    kept.insert("by".into(), json!(digest::of_bytes(by.to_string().as_bytes())));
+    kept.insert("has_design".into(), json!(document["design"].is_string()));
+    kept.insert("settings".into(), json!({"detect": document["settings"]["detect"]}));
     let list = |document: &mut Value, key| match taken(document, key) {
         Value::Array(list) => list,
         _ => Vec::new(),
     };
     let damage = list(&mut document, "damage");
     let first = damage.first().map(|of| of["what"].clone());
-    kept.insert("damage".into(), serde_json::json!({"places": damage.len(), "first": first}));
+    kept.insert("damage".into(), json!({"places": damage.len(), "first": first}));
     let model = |mut model: Value| {
         let of = OF_MODEL.map(|key| (key.to_owned(), taken(&mut model, key)));
         Value::Object(of.into_iter().collect())
@@ -86,7 +89,6 @@ fn taken(of: &mut Value, key: &str) -> Value {
 mod tests {
     use super::*;
     use crate::fixtures::assert_refused;
-    use serde_json::json;
 
     #[test]
     fn what_is_told_stays_and_any_json_is_borne() {

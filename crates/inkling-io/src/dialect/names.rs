@@ -103,3 +103,19 @@ pub fn has_word(name: &str, words: &str) -> bool {
     let mut parts = name.split(|c: char| !c.is_ascii_alphabetic());
     parts.any(|part| !part.is_empty() && words.split(' ').any(|word| word == part))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_name_says_the_unit_of_a_temperature_or_a_voltage() {
+        let no_celsius =
+            ["temp_f", "ink_temp_K", "tempDegF_kelvin"].map(|of| has_word(of, NO_CELSIUS));
+        assert_eq!(no_celsius, [true; 3]);
+        let celsius =
+            ["ink_temp_c", "temperature", "temp_front"].map(|of| has_word(of, NO_CELSIUS));
+        assert_eq!(celsius, [false; 3]);
+        assert!(has_word("drive_volt_mV", NO_VOLTS) && !has_word("voltage_v", NO_VOLTS));
+    }
+}
