@@ -155,7 +155,7 @@ mod tests {
             let mut signals: Vec<Vec<f32>> = (0..48).map(ring).collect();
             signals[7] = vec![32767.0; 128];
             let burst = Burst::of(&signals, 1e-6, Format::F32Le, layout);
-            assert_eq!(of_layout(&[burst.clone()]), None, "{layout:?}");
+            assert_eq!(of_layout(&[burst]), None, "{layout:?}");
             signals[7] = ring(7);
             let right = Burst::of(&signals, 1e-6, Format::F32Le, layout);
             let other = match layout {

@@ -32,7 +32,7 @@ pub struct RecordingCounts {
     pub heads: Vec<HeadCounts>,
     /// `KNOWN_CATEGORIES`, then others in the order in which they are met.
     pub categories: Vec<String>,
-    /// Number of rows beyond [`MOST_PRINTHEADS`] and [`super::counts::MOST_CHANNELS`]. Nothing else counts them.
+    /// Number of rows beyond `MOST_PRINTHEADS` and `MOST_CHANNELS`. Nothing else counts them.
     pub left_out: u64,
     pub has_maps: bool,
     /// Index into `heads`, by name, while rows are added.
