@@ -193,6 +193,10 @@ fn append(path: &Path, cells: &[String; COLUMNS.len()]) -> Result<(), Failure> {
     let there = if_there(regular_file::read(path, MOST_BYTES)).map_err(FileError::unread(path))?;
     let mut text = there.filter(|text| !text.trim_ascii().is_empty());
     let text = text.get_or_insert_with(|| (COLUMNS.join(",") + "\n").into_bytes());
+    if std::str::from_utf8(text).is_err() {
+        let what = "is not UTF-8 text, so that no line can be added: save it as UTF-8 (CSV UTF-8)";
+        return Err(Failure::usage(format!("{}: {what}", path.display())));
+    }
     if !text.ends_with(b"\n") {
         text.push(b'\n');
     }
@@ -316,5 +320,11 @@ mod tests {
             assert_eq!(append(&path, &known).is_ok(), by_hand.is_empty(), "a column is missing");
             assert!(read(dir.path()).mistakes.is_empty());
         }
+        let utf_16 = "\u{feff}what,recording\ndamage,a.mcap\n".encode_utf16();
+        std::fs::write(&path, utf_16.flat_map(u16::to_le_bytes).collect::<Vec<u8>>()).unwrap();
+        let before = std::fs::read(&path).unwrap();
+        assert!(append(&path, &damage).is_err());
+        assert_eq!(std::fs::read(&path).unwrap(), before);
+        assert_eq!(read(dir.path()).knows_recording("a.mcap"), Some(""));
     }
 }

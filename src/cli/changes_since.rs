@@ -226,7 +226,8 @@ impl<'a> ChangesSince<'a> {
         // last, recordings without verdicts, but for those of which the earlier run has told that
         // and those that are known
         let lost = report.coverage.lost.iter().filter(|lost| !lost.known);
-        let lost = lost.filter(|lost| !earlier.reported_lost(&lost.name));
+        let lost =
+            lost.filter(|lost| !earlier.reported_lost(&lost.name) && !has_results(&lost.name));
         let lost = lost.map(|lost| Unjudged::new(&lost.name, &lost.why));
         let unjudged = silent.chain(gaps).chain(lost).collect();
 

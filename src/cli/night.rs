@@ -65,6 +65,8 @@ pub struct Args {
 #[serde(default)]
 struct Kept {
     version: u32,
+    /// The version of inkling that wrote it.
+    inkling: String,
     totals: Value,
     /// When a night last ended with status 0 or 3, RFC 3339.
     succeeded_at: Option<String>,
@@ -233,8 +235,7 @@ impl Kept {
     /// Takes over what was told of the recordings of a run, and of the faults. A recording that had no turn stays
     /// as it was.
     fn take(&mut self, told: Vec<Row>, report: &Report) {
-        let latest = report.faults.iter().filter(|fault| fault.is_latest);
-        self.faults = latest.map(|fault| ToldFault::of(&fault.story)).collect();
+        self.faults = report.faults.iter().map(|fault| ToldFault::of(&fault.story)).collect();
         let told: Vec<Row> =
             told.into_iter().filter(|row| row.outcome != Outcome::NotReached).collect();
         let recordings: BTreeSet<&str> = told.iter().map(|row| row.recording.as_str()).collect();
@@ -249,6 +250,7 @@ impl Kept {
 
     fn write(&mut self, path: &Path) -> Result<(), Failure> {
         self.version = journal::VERSION;
+        self.inkling = env!("CARGO_PKG_VERSION").into();
         write_json(path, self)
     }
 }

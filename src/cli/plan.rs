@@ -169,7 +169,9 @@ impl Planner<'_> {
             };
         }
         jobs.sort_by_key(|job| job.source.starts_at_ns.unwrap_or(i64::MAX));
-        let has_a_place = |job: &Job| job.source.starts_at_ns.is_some();
+        let has_a_place = |job: &Job| {
+            job.source.starts_at_ns.is_some_and(|begin_ns| !when::is_far_ahead(begin_ns))
+        };
         let (mut chained, mut others): (Vec<_>, Vec<_>) = jobs.into_iter().partition(has_a_place);
         others.iter_mut().for_each(|job| job.teaches = false);
 

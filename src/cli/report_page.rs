@@ -10,12 +10,13 @@
 use super::changes_since::{ChangesSince, EarlierRun, as_json, head_as_json};
 use super::exit::{Exit, Failure};
 use super::output;
-use super::progress::{Progress, first_few, interruptible};
+use super::progress::{Progress, complain, first_few, interruptible};
 use super::results::{self, OfVerdicts, ReadReport};
 use crate::report::{self, Fault, Report};
 use crate::settings::Settings;
 use inkling_core::verdict::Reason;
 use inkling_io::column_types::TimestampUnit;
+use inkling_io::file_error::FileError;
 use inkling_io::inputs::Input;
 use inkling_io::journal::JOURNAL_NAME;
 use inkling_io::outputs::{self, ResultFile};
@@ -24,6 +25,7 @@ use inkling_io::verdict_table::TableError;
 use inkling_io::{part_file, printable, stored};
 use serde::Serialize;
 use serde_json::{Value, json};
+use std::io::ErrorKind::{PermissionDenied, ReadOnlyFilesystem};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -93,7 +95,14 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     if let Some(account) = &account {
         // what a killed run left of it
         part_file::sweep(Path::new(&args.out[0]), |name| name == ACCOUNT_NAME);
-        write_json(account, &read.report.account())?;
+        let text = json_text(&read.report.account())?;
+        match part_file::write(account, text.as_bytes()) {
+            // who may only read the results has the page all the same
+            Err(e) if [PermissionDenied, ReadOnlyFilesystem].contains(&e.kind()) => {
+                complain(&format!("warning: {}: {e}", account.display()));
+            }
+            written => written.map_err(FileError::unwritten(account))?,
+        }
     }
     match args.json {
         true => tell_json(&read, since.as_ref(), page.as_ref())?,
@@ -211,8 +220,11 @@ pub fn write_text(path: &Path, text: &str) -> Result<(), Failure> {
 
 /// Writes a document as JSON for people, which gets its name once it is complete.
 pub fn write_json(path: &Path, document: &impl Serialize) -> Result<(), Failure> {
-    let text = serde_json::to_string_pretty(document).map_err(Failure::new)?;
-    write_text(path, &(text + "\n"))
+    write_text(path, &json_text(document)?)
+}
+
+fn json_text(document: &impl Serialize) -> Result<String, Failure> {
+    Ok(serde_json::to_string_pretty(document).map_err(Failure::new)? + "\n")
 }
 
 /// Gives what a fault has in a column; null where it has nothing.

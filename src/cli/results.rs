@@ -12,7 +12,9 @@ use super::exit::Failure;
 use super::lost;
 use super::progress::Progress;
 use crate::pipeline::Control;
-use crate::report::{Clocks, Names, RecordingCounts, Report, ReportSettings, Source, Survey};
+use crate::report::{
+    Clocks, LostRecording, Names, RecordingCounts, Report, ReportSettings, Source, Survey, clock,
+};
 use inkling_core::verdict::VerdictColumns;
 use inkling_io::file_error::FileError;
 use inkling_io::inputs::Input;
@@ -20,9 +22,9 @@ use inkling_io::objects::in_object_store;
 use inkling_io::verdict_reader::VerdictReader;
 use inkling_io::verdict_table::TableError;
 use inkling_io::{
-    episode_table, inputs, printable, regular_file, result_file, stored, summary_file,
+    episode_table, inputs, printable, regular_file, result_file, stored, summary_file, when,
 };
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 use std::sync::atomic::Ordering;
 use std::sync::mpsc::{SyncSender, sync_channel};
@@ -105,6 +107,25 @@ struct Unread<'a> {
     clocks: Clocks,
 }
 
+/// The counts of all recordings, and the recordings that are left out since no clock which is set can have dated them:
+/// all that is told is of the latest time.
+struct Told {
+    survey: Survey,
+    /// When they begin, ns since 1970, by the recording's index.
+    far_ahead_ns: BTreeMap<usize, i64>,
+}
+
+impl Told {
+    fn absorb(&mut self, recording: usize, counts: RecordingCounts) {
+        match counts.begin_ns().filter(|begin_ns| when::is_far_ahead(*begin_ns)) {
+            Some(begin_ns) => {
+                self.far_ahead_ns.insert(recording, begin_ns);
+            }
+            None => self.survey.absorb(recording, counts),
+        }
+    }
+}
+
 /// What is read of one table after another.
 enum Read {
     Rows(Box<Rows>),
@@ -135,7 +156,11 @@ pub fn read(
         match source(input, &mut notes) {
             Ok(mut source) => {
                 let label = source.document["recording"]["name"].as_str().unwrap_or(&source.name);
-                let known = acknowledged.knows_recording(label).filter(|_| !source.is_whole());
+                let is_odd = |of: &Source| {
+                    of.document["odd_times"].as_array().is_some_and(|all| !all.is_empty())
+                };
+                let known = acknowledged.knows_recording(label);
+                let known = known.filter(|_| !source.is_whole() || is_odd(&source));
                 source.known = known.map(str::to_owned);
                 found.push((input.path.as_path(), source));
             }
@@ -161,6 +186,7 @@ pub fn read(
         let of_recording = Clocks::of(&source.document);
         let mut found = episodes_of(path, &mut source, &mut failed);
         of_recording.put_right(&mut found);
+        found.retain(|of| !when::is_far_ahead(of.began_at_ns));
         clocks.push(of_recording);
         episodes.push(found);
         sources.push(source);
@@ -175,7 +201,8 @@ pub fn read(
         .collect();
     let begun = episodes.iter().map(|of| RecordingCounts::new(of, of_verdicts.with_maps));
     let begun: Vec<RecordingCounts> = begun.collect();
-    let mut survey = Survey::new(episodes, of_verdicts.with_maps);
+    let survey = Survey::new(episodes, of_verdicts.with_maps);
+    let mut told = Told { survey, far_ahead_ns: BTreeMap::new() };
     let mut unread: Vec<Unread> = Vec::new();
     for (recording, ((key, counts), clocks)) in keys.into_iter().zip(begun).zip(clocks).enumerate()
     {
@@ -184,24 +211,35 @@ pub fn read(
         }
         let known = key.as_ref().ok().and_then(Option::as_ref);
         match known.and_then(|key| key.read(of_verdicts.with_maps)) {
-            Some(kept) => survey.absorb(recording, kept),
+            Some(kept) => told.absorb(recording, kept),
             None => unread.push(Unread { recording, file: files[recording], key, counts, clocks }),
         }
     }
     let bytes: u64 = unread.iter().map(|of| stored::bytes(of.file)).sum();
     progress.during("verdicts", bytes, control, || {
-        count_all(unread, of_verdicts.keeps_counts, &mut survey, &mut failed, control)
+        count_all(unread, of_verdicts.keeps_counts, &mut told, &mut failed, control)
     })?;
     if control.interrupted() {
         return Err(Failure::new("interrupted; nothing was written"));
     }
 
     // 5. the report; a report of nothing is a failure
+    let Told { survey, far_ahead_ns } = told;
+    let far_ahead = far_ahead_ns.iter().map(|(recording, begin_ns)| {
+        let (Source { name, known, .. }, begin) = (&sources[*recording], clock(*begin_ns));
+        let why = format!(
+            "dated {begin} UTC by its bursts and its records: its clock was wrong, and what was found stands in its own tables"
+        );
+        LostRecording { known: known.is_some(), ..LostRecording::new(name, why) }
+    });
+    let far_ahead: Vec<LostRecording> = far_ahead.collect();
     if survey.heads.iter().all(|head| head.tallies.is_empty()) {
-        let first = failed.into_iter().next();
+        let first = far_ahead.first().map(|of| format!("{}: {}", of.name, of.why));
+        let first = failed.into_iter().next().or(first);
         return Err(Failure::new(first.unwrap_or_else(|| "the verdict tables are empty".into())));
     }
-    let lost = lost::of(inputs, &failed, &acknowledged);
+    let mut lost = lost::of(inputs, &failed, &acknowledged);
+    lost.extend(far_ahead);
     let mut report = Report::new(&sources, survey, lost, &acknowledged, settings.clone());
     report.notes.append(&mut copies);
     Ok(ReadReport { report, failed, notes, classes })
@@ -247,7 +285,7 @@ fn episodes_of(
 fn count_all(
     recordings: Vec<Unread>,
     keeps: bool,
-    survey: &mut Survey,
+    told: &mut Told,
     failed: &mut Vec<String>,
     control: &Control,
 ) -> Result<(), FileError> {
@@ -274,7 +312,7 @@ fn count_all(
                 (Err(e), _) => failed.push(e),
                 (Ok(()), Err(e)) => failed.push(e.to_string()),
             }
-            survey.absorb(recording, counts);
+            told.absorb(recording, counts);
         }
         Ok(())
     })

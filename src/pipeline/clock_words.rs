@@ -7,7 +7,7 @@ use super::head_clock::{HeadClock, Step, Stretch};
 use super::numbers::DIFFER_NS;
 use super::recording_report::NotJudged;
 use crate::report::{WrongStretch, clock};
-use inkling_io::when::YEAR_2010_NS;
+use inkling_io::when::{YEAR_2010_NS, is_far_ahead};
 use std::collections::BTreeSet;
 
 /// What was odd about the times of a recording, each printhead once: by its own times, or else by those of others; and
@@ -144,9 +144,11 @@ impl HeadClock {
             ));
         }
         let misdated_by = self.against_log.misdated_by_ns();
-        (misdated_by.is_some() || latest_ns < YEAR_2010_NS).then(|| {
+        let is_far_ahead = is_far_ahead(first_ns);
+        (misdated_by.is_some() || latest_ns < YEAR_2010_NS || is_far_ahead).then(|| {
             let dated = span(first_ns, latest_ns);
             let times = match misdated_by {
+                _ if is_far_ahead => ": nothing was learned from them, and no account tells of them".into(),
                 Some(by_ns) => format!(
                     ", and were recorded from {} on: page and account have the times of the records, the tables those of \
                      the bursts",

@@ -1,5 +1,5 @@
-//! Looks at a recording's first bursts: whether they are ring-downs as they are laid out, and whether they
-//! ring at frequencies at which printheads do.
+//! Looks at a recording's first bursts: whether they are ring-downs as they are laid out, whether they ring at
+//! frequencies at which printheads do, and whether something clipped them.
 //!
 //! In: a recording, from `recording_report` (where there is no design) and from `inspect`. Out: a sentence for
 //! each printhead whose signals speak against their layout or sample period ([`doubts`]), before faults are made
@@ -7,7 +7,8 @@
 //!
 //! A layout is wrong if neighbouring samples of a channel hardly correlate, or if channels have little in common,
 //! while with rows and columns exchanged both hold ([`RowLayout`]). A sample period is wrong if the mean signal would
-//! ring outside of 500 Hz to 2 MHz, or holds less than one period. All these limits are heuristic.
+//! ring outside of 500 Hz to 2 MHz, or holds less than one period. Signals are clipped where many of them stand still
+//! at the largest value that any of them has, or at the smallest one. All these limits are heuristic.
 
 use super::batches::usable;
 use crate::report::three_digits;
@@ -25,6 +26,9 @@ const MOST_ROWS: usize = 4096;
 const RINGS_WITHIN: [f64; 2] = [500.0, 2e6];
 /// Maximum number of printheads that are told of.
 const MOST_TOLD: usize = 8;
+/// Signals are clipped that have so many samples in a row at one value, if this share of all signals is so.
+const STAND_STILL: usize = 3;
+const CLIPPED: f64 = 0.25;
 /// Channels of more than this many times the median channel's energy are left out.
 const MOST_ENERGY: f64 = 100.0;
 
@@ -34,7 +38,8 @@ pub fn doubts(recording: &Recording) -> Vec<(String, String)> {
         by_printhead.entry(burst.printhead.to_string()).or_default().push(burst);
     }
     let doubt = |(name, bursts): (String, Vec<Burst>)| {
-        let what = of_layout(&bursts).or_else(|| of_period(&bursts))?;
+        let what = of_layout(&bursts).or_else(|| of_period(&bursts));
+        let what = what.or_else(|| of_clipping(&bursts))?;
         Some((name, what))
     };
     by_printhead.into_iter().filter_map(doubt).take(MOST_TOLD).collect()
@@ -139,10 +144,56 @@ fn of_period(bursts: &[Burst]) -> Option<String> {
     })
 }
 
+/// The doubt about the largest and the smallest value. Signals at the rails of 16 bit are rejected, and told so.
+fn of_clipping(bursts: &[Burst]) -> Option<String> {
+    let signal = |burst: &Burst, channel: u32| {
+        let mut signal = vec![0.0; burst.samples_per_channel as usize];
+        burst.copy_signal(channel as usize, &mut signal);
+        signal
+    };
+    let signals = bursts.iter().flat_map(|burst| (0..burst.channels).map(|c| signal(burst, c)));
+    let signals: Vec<Vec<f64>> = signals.collect();
+    let all = || signals.iter().flatten().copied().filter(|y| y.is_finite());
+    let [least, most] =
+        [all().fold(f64::INFINITY, f64::min), all().fold(f64::NEG_INFINITY, f64::max)];
+    [most, least].into_iter().filter(|rail| rail.abs() < f64::from(i16::MAX)).find_map(|rail| {
+        let stands = |signal: &&Vec<f64>| {
+            signal.windows(STAND_STILL).any(|of| of.iter().all(|y| *y == rail))
+        };
+        let (n, of) = (signals.iter().filter(stands).count(), signals.len());
+        (n as f64 > CLIPPED * of as f64).then(|| {
+            format!(
+                "{n} of {of} signals stand still at {rail} for {STAND_STILL} samples and more, beyond which no sample lies: \
+                 are they clipped there? `input.rails` rejects such signals"
+            )
+        })
+    })
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use inkling_core::burst::Format;
+
+    #[test]
+    fn signals_that_stand_still_at_one_value_are_clipped_and_flat_peaks_are_not() {
+        let told = |most: f32, size: f32| {
+            let ring = |channel: usize| -> Vec<f32> {
+                let size = size * (1.0 + 0.01 * channel as f32);
+                let sample = |k: u8| {
+                    let k = f32::from(k);
+                    (size * (-k / 50.0).exp() * (0.1 * k).cos()).round().min(most)
+                };
+                (0..128).map(sample).collect()
+            };
+            let signals: Vec<Vec<f32>> = (0..48).map(ring).collect();
+            of_clipping(&[Burst::of(&signals, 1e-6, Format::F32Le, Layout::ChannelMajor)])
+        };
+        assert!(told(700.0, 1000.0).is_some_and(|what| what.contains("at 700 for")));
+        for size in [1000.0, 200.0, 30.0] {
+            assert_eq!(told(f32::MAX, size), None, "{size}");
+        }
+    }
 
     #[test]
     fn one_channel_at_a_rail_is_no_wrong_layout_and_a_wrong_layout_is() {

@@ -5,7 +5,8 @@
 //! In: the lines of the recordings and the faults of all channels. Out: [`Changes`], for the page
 //! (`of`) and for the verbs that compare with an earlier run (`since`). Recordings are divided in
 //! two, those before and those since then; each channel's last fault falls into one kind by whether
-//! an episode of it lies in the earlier recordings, and by its onset, its end and its trend.
+//! an episode of it lies in the earlier recordings, and by its onset, its end and its trend. Of the faults before
+//! the last one only those are told that came and went since then.
 
 use super::RecordingLine;
 use super::fault::{Fault, certain_trend};
@@ -24,7 +25,7 @@ pub struct Changes<'a> {
     /// Number of recordings since then.
     pub recordings: usize,
     /// The changed faults by kind (key in JSON, words, faults), the most important kind first.
-    pub kinds: [(&'static str, &'static str, Vec<&'a Fault>); 5],
+    pub kinds: [(&'static str, &'static str, Vec<&'a Fault>); 6],
     /// Number of faults that are to be cleaned as before.
     pub still: usize,
     /// Printheads that earlier recordings judged, and that no recording since then judged.
@@ -94,7 +95,8 @@ impl<'a> Changes<'a> {
         };
 
         // The order of the cases matters: each fault counts once, and a new one is not also worse.
-        let kind = |story: &Story| {
+        let kind = |fault: &Fault| {
+            let story = &fault.story;
             let is_shown = || story.spells.iter().any(|of| known.contains(&of.recording));
             let was_known = was_told(story).unwrap_or_else(is_shown);
             // a trend that no recording since then adds to was told before
@@ -102,6 +104,9 @@ impl<'a> Changes<'a> {
             let is_worse =
                 is_seen && certain_trend(story).is_some_and(|t| t.direction() == Direction::Worse);
             match story.ended_at_ns {
+                Some(_) if !was_known => "passed",
+                _ if !fault.is_latest && !was_known => "passed",
+                _ if !fault.is_latest => "followed by another",
                 Some(end) if end > known_to_ns => "cured",
                 Some(_) => "ended within the earlier recordings",
                 None if !was_known => "new",
@@ -113,9 +118,10 @@ impl<'a> Changes<'a> {
             }
         };
         let of_kind = |key: &str| -> Vec<&'a Fault> {
-            // what is known is no news
-            let news = faults.iter().filter(|of| of.is_latest && of.story.known.is_none());
-            news.filter(|fault| kind(&fault.story) == key).collect()
+            // what is known is no news, unless it is another fault by now
+            let is_news = |of: &&Fault| of.story.known.is_none() || is_other(&of.story);
+            let news = faults.iter().filter(is_news);
+            news.filter(|fault| kind(fault) == key).collect()
         };
         let kinds = [
             ("new", "new"),
@@ -123,14 +129,16 @@ impl<'a> Changes<'a> {
             ("changed", "another fault now"),
             ("worse", "getting worse"),
             ("cured", "healthy again"),
+            ("passed", "came and went"),
         ];
         let kinds = kinds.map(|(key, words)| (key, words, of_kind(key)));
         let told = kinds.iter().filter(|(key, ..)| *key != "cured");
-        let told = told.flat_map(|(_, _, of)| of).filter(|of| of.is_open());
+        let told = told.flat_map(|(_, _, of)| of);
+        let told = told.filter(|of| of.is_open() && of.story.known.is_none());
         Changes {
             from_ns,
             to_ns,
-            recordings: last.len(),
+            recordings: last.iter().filter(|line| line.span.is_some()).count(),
             // one that comes and goes is to be cleaned though it is healthy now
             still: faults.iter().filter(|of| of.is_open() && of.story.known.is_none()).count()
                 - told.count(),

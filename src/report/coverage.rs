@@ -252,8 +252,10 @@ fn of_recording(survey: &Survey, recording: usize, source: &Source) -> BTreeMap<
     }
 
     // The recording as a whole: without any signal, or with less than half judged where no
-    // printhead explains it.
-    let is_empty = all == Tally::default() && !survey.left_out.contains_key(&recording);
+    // printhead explains it. Where the summary knows of signals, why they are not here is told elsewhere.
+    let is_empty = all == Tally::default()
+        && !survey.left_out.contains_key(&recording)
+        && source.document["counts"]["signals"].as_u64().unwrap_or_default() == 0;
     let is_told = gaps.keys().any(|(printhead, _)| printhead.is_some());
     if is_empty || !is_told && all.judged < all.rejected {
         gaps.entry((None, None)).or_insert_with(|| by_counts(None, &all));

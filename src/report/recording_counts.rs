@@ -84,6 +84,11 @@ impl RecordingCounts {
         counts
     }
 
+    /// The time of the first signal, ns since 1970; `None`: there is none.
+    pub fn begin_ns(&self) -> Option<i64> {
+        self.heads.iter().filter_map(|head| Some(head.tally.span?.0)).min()
+    }
+
     /// Adds one batch of verdicts.
     pub fn add(&mut self, c: &VerdictColumns, names: Names) {
         let code = |name: &String| code(&mut self.categories, name);

@@ -84,7 +84,7 @@ impl BaselineFile {
             let what = result_file::instead_or(path, "baselines", &what);
             let what = format!(
                 "no baselines{what}; `inkling replay --baseline` makes them: name a file that it wrote, or one \
-                 that is not there yet"
+                 that is not there yet. If this was one, a copy of it goes on, and without the file all begins anew"
             );
             FileError::mistaken(path, what)
         };

@@ -231,14 +231,15 @@ impl Units {
     }
 }
 
-/// Parses a time such as 2026-11-01T08:00:00.5Z to ns since 1970. A blank may stand instead of the
-/// T. A time without a zone is taken as UTC. `None`: the cell is no such time.
+/// Parses a time such as 2026-11-01T08:00:00.5Z, or 1.11.2026 8:00:00.5, to ns since 1970. A blank may stand instead of
+/// the T. A time without a zone is taken as UTC. `None`: the cell is no such time.
 fn time_in(cell: &str) -> Option<i64> {
     let cell = unquoted(cell);
     let zoned = || DateTime::parse_from_rfc3339(cell).ok()?.timestamp_nanos_opt();
     let plain =
         |format| NaiveDateTime::parse_from_str(cell, format).ok()?.and_utc().timestamp_nanos_opt();
-    zoned().or_else(|| plain("%Y-%m-%d %H:%M:%S%.f")).or_else(|| plain("%Y-%m-%dT%H:%M:%S%.f"))
+    let formats = ["%Y-%m-%d %H:%M:%S%.f", "%Y-%m-%dT%H:%M:%S%.f", "%d.%m.%Y %H:%M:%S%.f"];
+    zoned().or_else(|| formats.into_iter().find_map(plain))
 }
 
 fn choose(
@@ -289,7 +290,14 @@ fn advice(cell: &str) -> &'static str {
     let begins_with_digit =
         cell.trim_start_matches(['+', '-']).starts_with(|c: char| c.is_ascii_digit());
     let is_separator = |c: char| is_of_number(c) || c.is_whitespace() || ",'_’".contains(c);
+    let has_two = |sign: char| cell.matches(sign).count() >= 2;
     match begins_with_digit {
+        true if [':', '/'].into_iter().any(has_two) => {
+            "write times as 2026-11-01T08:00:00.5, or as seconds"
+        }
+        true if cell.starts_with("0x") || cell.starts_with("0X") => {
+            "write whole numbers to base 10"
+        }
         true if cell.chars().all(is_separator) => {
             "write a point before decimals, and nothing between thousands"
         }
@@ -389,6 +397,8 @@ mod tests {
             ("t,y\n0,1\n1,-1.5 mV\n", "the unit into the column's name"),
             ("t;y\n0;975\n1;-4.000\n2;12.345\n", "line 3: \"-4.000\" has a point and three digits"),
             ("t,a,b\n(us),(mV),(V)\n0,1,2\n1,3,4\n", "line 2: a is in (mV), and b in (V): choose"),
+            ("t,y\n11/1/2026 8:00:00,1\n11/1/2026 8:00:01,2\n", "write times as 2026-11-01"),
+            ("t,y\n0,1\n1,0x1F\n", "base 10"),
             ("t,y\n0,1\n,2\n", "line 3: column \"t\": a row without a time"),
             ("t,y\n0,1\ninf,2\n", "line 3"),
             ("t,y\n0,1\n1\n", "line 3: 1 cells where the header has 2"),
@@ -415,9 +425,12 @@ mod tests {
         for (time, second) in
             [("t", 1.0), ("t_s", 1.0), ("t_ms", 1e3), ("t_us", 1e6), ("t_ns", 1e9)]
         {
-            let text = format!("{time},y\n1970-01-01T00:00:01Z,1\n1970-01-01 00:00:01.5,2\n");
-            let (_, decays) = plain(&text).unwrap();
-            assert_eq!(decays[0].times, [second, 1.5 * second], "{time}");
+            let second_row = ["1970-01-01 00:00:01.5", "1.1.1970 0:00:01.5"];
+            for row in second_row {
+                let text = format!("{time},y\n1970-01-01T00:00:01Z,1\n{row},2\n");
+                let (_, decays) = plain(&text).unwrap();
+                assert_eq!(decays[0].times, [second, 1.5 * second], "{time}");
+            }
         }
     }
 

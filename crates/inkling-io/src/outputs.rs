@@ -10,7 +10,7 @@
 use super::file_error::FileError;
 use super::objects::{self, in_object_store};
 pub use super::result_file::ResultFile;
-use super::{regular_file, stored};
+use super::{regular_file, result_file, stored};
 use std::io::ErrorKind;
 use std::path::Path;
 
@@ -62,7 +62,7 @@ pub fn check_file(path: &Path, kind: ResultFile) -> Result<(), FileError> {
     let is_void = |start: Vec<u8>| start.iter().all(|byte| *byte == 0);
     let is_empty = || path.is_file() && regular_file::start(path, LOOKED_AT).is_ok_and(is_void);
     match ResultFile::of(path) {
-        Ok(there) if there == Some(kind) || is_empty() => {}
+        Ok(there) if there == Some(kind) || is_empty() || result_file::is_cut(path) => {}
         Err(e) if e.kind() == ErrorKind::NotFound => {}
         Err(e) if e.kind() != ErrorKind::NotADirectory => {
             let what = format!("cannot be looked into, so nothing is written there: {e}");
@@ -149,8 +149,16 @@ mod tests {
     fn what_holds_nothing_may_be_replaced() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("run.json");
-        for (bytes, may) in [(&b""[..], true), (&[0; 900], true), (b"\0\0x", false), (b"x", false)]
-        {
+        let cut = b"{\n  \"version\": 2,\n  \"inkling\": \"0.2.0\",\n  \"totals\": {";
+        let of_others = b"{\n  \"version\": 2,\n  \"totals\": {";
+        for (bytes, may) in [
+            (&b""[..], true),
+            (&[0; 900], true),
+            (cut, true),
+            (of_others, false),
+            (b"\0\0x", false),
+            (b"x", false),
+        ] {
             std::fs::write(&path, bytes).unwrap();
             assert_eq!(check_file(&path, ResultFile::Run).is_ok(), may, "{bytes:?}");
         }

@@ -252,6 +252,12 @@ pub(super) fn check_magic(path: &Path, found: &[u8]) -> Result<(), FileError> {
     let what = match found.len() == MAGIC.len() && found.starts_with(&MAGIC[..5]) {
         _ if found == MAGIC => return Ok(()),
         _ if found.is_empty() => "empty file (0 bytes); the recording was never written".into(),
+        // the magic bytes have a CR and a LF to show this
+        true if found.starts_with(&MAGIC[..6]) => {
+            "an MCAP file that was copied as text, so that bytes which look like the ends of lines were changed (FTP in \
+             ASCII mode, git without `*.mcap binary`): copy it again as binary"
+                .into()
+        }
         true => format!("MCAP of another version (\"{begins}\"); inkling reads version 0"),
         false => format!(
             "not an MCAP file (it begins with \"{begins}\"); inkling reads MCAP, and `inkling convert` \

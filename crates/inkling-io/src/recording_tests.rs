@@ -193,6 +193,8 @@ fn what_is_no_recording_is_refused_with_its_name_and_what_it_is() {
         (b"\x89MC", "not an MCAP file (it begins with \"\\x89MC\")"),
         (b"time,y\n0,1\n", "not an MCAP file (it begins with \"time,y\\n0\")"),
         (b"\x89MCAP1\r\n", "MCAP of another version"),
+        (b"\x89MCAP0\n\x01", "copied as text"),
+        (b"\x89MCAP0\r\r", "copied as text"),
     ] {
         fs::write(&path, bytes).unwrap();
         assert_refused(open(&path), &["x.mcap", says]);

@@ -194,6 +194,22 @@ fn of_json(mut file: File) -> std::io::Result<Option<ResultFile>> {
     })
 }
 
+/// Whether a file is a document of JSON that inkling began and that ends before its end, as after a failing disk.
+pub fn is_cut(path: &Path) -> bool {
+    let begin = |start: Vec<u8>| {
+        let text: String = String::from_utf8_lossy(&start).split_whitespace().collect();
+        let rest =
+            text.strip_prefix("{\"version\":").map(|of| of.trim_start_matches(char::is_numeric));
+        rest.is_some_and(|rest| rest.starts_with(",\"inkling\":"))
+    };
+    let is_ours = regular_file::start(path, HEAD_BYTES).is_ok_and(begin);
+    let end = || {
+        let text = BufReader::new(regular_file::open(path).ok()?);
+        serde_json::from_reader::<_, IgnoredAny>(text).err()
+    };
+    is_ours && end().is_some_and(|e| e.is_eof())
+}
+
 fn footer(file: &mut File) -> std::io::Result<Vec<u8>> {
     let is_small = |of: &Range<u64>| of.start >= 4 && of.end - of.start <= MOST_FOOTER_BYTES;
     let Some(of) = footer_of(file)?.filter(is_small) else { return Ok(Vec::new()) };

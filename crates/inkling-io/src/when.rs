@@ -27,7 +27,7 @@ pub const YEAR_2010_NS: i64 = 1_262_304_000_000_000_000;
 pub struct Begin {
     /// ns since 1970.
     pub t_ns: i64,
-    /// Whether that is the time of the records, as those of the bursts cannot be.
+    /// Whether that is the time of the records, as those of the bursts cannot be; or whether neither can be.
     pub is_misdated: bool,
 }
 
@@ -36,6 +36,13 @@ pub struct Begin {
 pub fn is_misdated(t_ns: i64, logged_ns: i64) -> bool {
     let lead_ns = t_ns.saturating_sub(logged_ns);
     logged_ns >= YEAR_2010_NS && (lead_ns > DAY_NS || t_ns < YEAR_2010_NS)
+}
+
+/// Whether a time, ns since 1970, lies ten years ahead of the clock here: so far behind that of the recordings no clock
+/// is that somebody has set.
+pub fn is_far_ahead(t_ns: i64) -> bool {
+    let now_ns = chrono::Utc::now().timestamp_nanos_opt().unwrap_or(i64::MAX);
+    t_ns > now_ns.saturating_add(10 * 365 * DAY_NS)
 }
 
 /// The earliest time of a usable burst that lies among those of most bursts, ns since 1970. `check` is called
@@ -97,7 +104,7 @@ impl Times {
         let is_misdated = 2 * misdated.count() > self.kept.len();
         let (times, logged): (Vec<i64>, Vec<i64>) = self.kept.into_iter().unzip();
         let t_ns = first_of_most(if is_misdated { logged } else { times })?;
-        Some(Begin { t_ns, is_misdated })
+        Some(Begin { t_ns, is_misdated: is_misdated || is_far_ahead(t_ns) })
     }
 }
 
@@ -160,6 +167,7 @@ mod tests {
         assert!(
             !begin(recorded - 3000 * DAY_NS, recorded) && !begin(recorded + DAY_NS / 2, recorded)
         );
+        assert!(begin(4_000_000_000_000_000_000, 4_000_000_000_000_000_000), "2096");
         assert!(!begin(recorded, 0) && !begin(300_000_000_000, 300_000_000_000));
     }
 }

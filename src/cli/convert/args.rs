@@ -4,6 +4,7 @@
 
 use super::super::exit::Failure;
 use super::burst_clock::{is_representable, time_in_name};
+use inkling_io::dialect::{NO_CELSIUS, NO_VOLTS, has_word};
 use inkling_io::table_file::Decay;
 use inkling_io::time_column::TimeUnit;
 use std::path::{Path, PathBuf};
@@ -92,14 +93,25 @@ pub struct Args {
 
 impl Args {
     /// What the options give beside the samples, and the columns that they name.
-    pub fn values(&self) -> BurstValues {
+    pub fn values(&self) -> Result<BurstValues, Failure> {
+        // the unit of a column is what its name says: of periods any of time, else the one of the option
+        let period =
+            |column: &str| Ok(TimeUnit::in_name(column)?.map_or(1.0, |unit| unit.ns / 1e9));
+        let only = |unit: &str, others: &str, column: &str| match has_word(column, others) {
+            true => Err(format!("by its name {column:?} is not in {unit}: add a column that is")),
+            false => Ok(1.0),
+        };
         let mut columns = Vec::new();
-        BurstValues {
-            period_s: BurstValue::of(&self.period_s, &mut columns),
-            temperature: BurstValue::of(&self.temperature, &mut columns),
-            voltage: BurstValue::of(&self.voltage, &mut columns),
-            columns,
-        }
+        let mut value =
+            |option: &str, text: &Option<String>, unit: &dyn Fn(&str) -> Result<f64, String>| {
+                let value = BurstValue::of(text, unit, &mut columns);
+                value.map_err(|what| Failure::usage(format!("{option}: {what}")))
+            };
+        let period_s = value("--period-s", &self.period_s, &period)?;
+        let celsius = |column: &str| only("degrees C", NO_CELSIUS, column);
+        let temperature = value("--temperature", &self.temperature, &celsius)?;
+        let voltage = value("--voltage", &self.voltage, &|column| only("V", NO_VOLTS, column))?;
+        Ok(BurstValues { period_s, temperature, voltage, columns })
     }
 
     /// The printhead's name: the one that is given, else that of the table's file, without its time
@@ -171,32 +183,41 @@ fn stem(table: &Path) -> String {
     table.file_stem().unwrap_or_default().to_string_lossy().into_owned()
 }
 
-/// A number that an option gives: a constant for all bursts, or the index of a column among those that are
-/// read beside the samples.
+/// A number that an option gives: a constant for all bursts, or a column.
 #[derive(Clone, Copy, Debug)]
 pub enum BurstValue {
     Constant(f64),
-    Column(usize),
+    /// Its index among the columns that are read beside the samples, and its unit in that of the option.
+    Column {
+        place: usize,
+        unit: f64,
+    },
 }
 
 impl BurstValue {
-    /// The value of an option; a column that it names is added to `columns`.
-    pub fn of(text: &Option<String>, columns: &mut Vec<String>) -> Option<BurstValue> {
-        let text = text.as_ref()?;
-        Some(match text.parse() {
-            Ok(x) => BurstValue::Constant(x),
-            Err(_) => {
-                columns.push(text.clone());
-                BurstValue::Column(columns.len() - 1)
-            }
-        })
+    /// The value of an option; a column that it names is added to `columns`. `unit`: the unit of a column in that of
+    /// the option, by the column's name.
+    fn of(
+        text: &Option<String>,
+        unit: impl Fn(&str) -> Result<f64, String>,
+        columns: &mut Vec<String>,
+    ) -> Result<Option<BurstValue>, String> {
+        let Some(text) = text else { return Ok(None) };
+        if let Ok(x) = text.parse() {
+            return Ok(Some(BurstValue::Constant(x)));
+        }
+        let unit = unit(text)?;
+        columns.push(text.clone());
+        Ok(Some(BurstValue::Column { place: columns.len() - 1, unit }))
     }
 
     /// The number for one burst; NaN if its column has none.
     pub fn in_burst(self, decay: &Decay) -> f64 {
         match self {
             BurstValue::Constant(x) => x,
-            BurstValue::Column(place) => decay.beside.get(place).copied().unwrap_or(f64::NAN),
+            BurstValue::Column { place, unit } => {
+                decay.beside.get(place).map_or(f64::NAN, |value| value * unit)
+            }
         }
     }
 }

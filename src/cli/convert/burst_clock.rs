@@ -115,8 +115,8 @@ pub struct TimeInName {
     pub without: String,
 }
 
-/// The first date and time in a file's name, UTC: `20261101T080000`, `2026-11-01_08-00-00`,
-/// `20261101`. `None`: there is none. It is looked for at the begin of each run of digits.
+/// The first date and time in a file's name, UTC unless it names a zone: `20261101T080000`, `2026-11-01_08-00-00`,
+/// `20261101T080000+0100`, `20261101`. `None`: there is none. It is looked for at the begin of each run of digits.
 pub fn time_in_name(name: &str) -> Option<TimeInName> {
     let starts = name.char_indices().filter(|(_, c)| c.is_ascii_digit()).map(|(at, _)| at);
     starts.filter(|at| !name[..*at].ends_with(|c: char| c.is_ascii_digit())).find_map(|at| {
@@ -162,8 +162,33 @@ fn date_time(text: &[u8]) -> Option<(i64, &[u8])> {
     let ([hour, minute, second], text) = time().unwrap_or(([0; 3], text));
     let at: DateTime<chrono::Utc> = date.and_hms_opt(hour, minute, second)?.and_utc();
     let ns = at.timestamp_nanos_opt().filter(|ns| is_representable(*ns))?;
-    // a `Z` after the seconds means UTC
-    Some((ns, text.strip_prefix(b"Z").unwrap_or(text)))
+    let (ahead_ns, text) = zone(text);
+    Some((ns - ahead_ns, text))
+}
+
+/// How far the zone is ahead of UTC, ns, that is named at the beginning of `text`, such as Z, +0100 or -05:30, and the text
+/// after it.
+fn zone(text: &[u8]) -> (i64, &[u8]) {
+    if let Some(rest) = text.strip_prefix(b"Z") {
+        return (0, rest);
+    }
+    let digits = |from: usize| -> Option<i64> {
+        let two = text.get(from..from + 2)?;
+        two.iter().all(u8::is_ascii_digit).then(|| str::from_utf8(two).ok()?.parse().ok())?
+    };
+    let sign = match text.first() {
+        Some(b'+') => 1,
+        Some(b'-') => -1,
+        _ => return (0, text),
+    };
+    let colon = usize::from(text.get(3) == Some(&b':'));
+    let ends = |at: usize| !text.get(at).is_some_and(u8::is_ascii_digit);
+    match (digits(1), digits(3 + colon)) {
+        (Some(hours @ ..=14), Some(minutes @ (0 | 30 | 45))) if ends(5 + colon) => {
+            (sign * (60 * hours + minutes) * 60_000_000_000, &text[5 + colon..])
+        }
+        _ => (0, text),
+    }
 }
 
 #[cfg(test)]
@@ -218,6 +243,9 @@ mod tests {
             ("K1-20261101T080003Z-cold", "2026-11-01T08:00:03Z", "K1_cold"),
             ("20261101", "2026-11-01T00:00:00Z", "20261101"),
             ("K1_20261101_03", "2026-11-01T00:00:00Z", "K1_03"),
+            ("20261101T080003+0100 K1", "2026-11-01T07:00:03Z", "K1"),
+            ("K1_20261101T080003-05:30", "2026-11-01T13:30:03Z", "K1"),
+            ("K1_20261101T080003-0012", "2026-11-01T08:00:03Z", "K1_0012"),
         ] {
             let found = time_in_name(name).unwrap();
             assert_eq!((Some(found.ns), &*found.without), (at(time), without), "{name}");

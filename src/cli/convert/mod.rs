@@ -19,7 +19,7 @@ use serde_json::json;
 
 /// Checks the options, then converts burst by burst. What was assumed is told at the end.
 pub fn run(args: Args) -> Result<Exit, Failure> {
-    let values = args.values();
+    let values = args.values()?;
     args.check(&values)?;
     outputs::check_file(&args.out, outputs::ResultFile::Recording)?;
     let mut conversion = Conversion::new(&args, &values)?;

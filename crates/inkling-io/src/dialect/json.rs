@@ -102,15 +102,20 @@ fn number(of: &serde_json::Number) -> Number {
     whole.map_or_else(|| Number::Float(of.as_f64().unwrap_or(f64::NAN)), Number::Integer)
 }
 
-/// The numbers of an array, or of an array of rows of numbers, all equally long.
+/// The numbers of an array, or of an array of rows of numbers, all equally long. A row that is `null` has no
+/// numbers: that costs its channel alone.
 fn numbers(all: &[Json]) -> Value<'_> {
-    let gathered = match all.first() {
-        Some(Json::Array(first)) => {
-            let is_row = |row: &Json| row.as_array().is_some_and(|row| row.len() == first.len());
-            let rows = all.iter().filter_map(Json::as_array).flatten();
-            all.iter().all(is_row).then(|| Gathered::of(rows.map(float))).flatten()
+    let gathered = match all.iter().find_map(Json::as_array) {
+        Some(first) => {
+            let missing = vec![Json::Null; first.len()];
+            let row = |row| match row {
+                &Json::Null => Some(&missing),
+                row => row.as_array().filter(|row| row.len() == first.len()),
+            };
+            let rows: Option<Vec<_>> = all.iter().map(row).collect();
+            rows.and_then(|rows| Gathered::of(rows.into_iter().flatten().map(float)))
         }
-        _ => Gathered::of(all.iter().map(float)),
+        None => Gathered::of(all.iter().map(float)),
     };
     gathered.map_or(Value::Other, Value::Numbers)
 }
@@ -207,6 +212,7 @@ fn long_base64(text: &str) -> bool {
 
 #[cfg(test)]
 mod tests {
+    use super::super::value;
     use super::*;
 
     #[test]
@@ -233,6 +239,15 @@ mod tests {
         assert_eq!(number("a[0].t"), Some(Number::Integer(1_793_491_200_250_000_001)));
         assert_eq!(number("a[1].t"), Some(Number::Integer(u64::MAX.into())));
         assert_eq!(number("a[2].t"), None);
+    }
+
+    #[test]
+    fn a_row_that_is_null_has_no_numbers() {
+        let message = decode(br#"{"a":[null,[1,2],[3,4]]}"#).unwrap();
+        let path = FieldPath::try_from("a".to_owned()).unwrap();
+        let found = find(&message, path.steps()).unwrap().samples(None, 1000).unwrap();
+        let numbers: Vec<f64> = value::samples(&found.bytes, found.format).collect();
+        assert!(numbers[..2].iter().all(|x| x.is_nan()) && numbers[2..] == [1.0, 2.0, 3.0, 4.0]);
     }
 
     #[test]

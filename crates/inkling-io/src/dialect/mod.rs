@@ -49,6 +49,8 @@ mod shape;
 pub mod unread;
 pub mod value;
 
+pub use names::{NO_CELSIUS, NO_VOLTS, has_word};
+
 use bytes::Bytes;
 use globset::{GlobBuilder, GlobMatcher};
 use plan::{ChannelDescription, Plan, Schema};
