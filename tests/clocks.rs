@@ -90,19 +90,24 @@ fn a_clock_that_was_set_back_or_never_set_changes_no_fault() {
 fn a_night_that_is_dated_wrongly_silences_no_other_and_teaches_nothing() {
     let house = House::new();
     let mut states = Vec::new();
-    for wrong in [0, 3_650 * DAY, -9_000 * DAY] {
+    // the last one is dated by a clock that its recorder had, too
+    for (case, dated, recorded) in
+        [("right", 0, 1), ("ahead", 3_650 * DAY, 1), ("back", -9_000 * DAY, 1), ("both", 0, 20_000)]
+    {
         for day in 0..3 {
-            let name = format!("n{wrong}/{day}.mcap");
-            night(&house, &name, day, |_| if day == 1 { wrong } else { 0 });
-            let out = format!("o{wrong}");
-            let state = format!("--baseline b{wrong}.json");
-            let run = house.run(&format!("replay {name} {DESIGN} {state} --out {out} --quiet"));
+            let name = format!("{case}/{day}.mcap");
+            let is_wrong = case != "right" && day == 1;
+            let [dated, recorded] = if day == 1 { [dated, recorded] } else { [0, day] };
+            night(&house, &name, recorded, |_| dated);
+            let state = format!("--baseline {case}.json");
+            let run = house.run(&format!("replay {name} {DESIGN} {state} --out o{case} --quiet"));
             assert_eq!(run.code(), Some(0), "{name}: {}", run.stderr());
             let is_told = run.stderr().contains("and taught it nothing");
-            assert_eq!(is_told, wrong != 0 && day == 1, "{name}: {}", run.stderr());
+            assert_eq!(is_told, is_wrong, "{name}: {}", run.stderr());
         }
-        states.push(told(&house, &format!("o{wrong}")));
+        states.push(told(&house, &format!("o{case}")));
+        assert_eq!(states.last(), states.first(), "{case}");
     }
-    assert_eq!(states[1], states[0]);
-    assert_eq!(states[2], states[0]);
+    let lost = house.json("report oboth -o r.html --json")["coverage"]["lost"].to_string();
+    assert!(lost.contains("its clock was wrong") && lost.contains("2079"), "{lost}");
 }

@@ -9,7 +9,7 @@
 
 use super::episode_draft::EpisodeDraft;
 use super::evidence::{Evidence, FIRST_IN_MEDIANS, Step};
-use super::intermittent::Flags;
+use super::intermittent::{Flags, of_others};
 use super::rules::Rules;
 use super::{Counts, IsolatedSignal, Looks, Untimely};
 use std::cmp::Ordering;
@@ -29,9 +29,14 @@ pub struct Channel {
     pub own: bool,
     pub evidence: Evidence,
     pub draft: Option<Box<EpisodeDraft>>,
-    /// Looks at the channel while no episode was on, and flagged ones among them.
-    pub quiet: Flags,
     flagged_looks: Option<Box<FlaggedLooks>>,
+}
+
+/// Looks at all channels of a printhead while no episode was on in them, and the place of the channel among them.
+#[derive(Clone, Copy, Debug)]
+pub struct Quiet<'a> {
+    pub all: &'a [Flags],
+    pub place: usize,
 }
 
 /// Flagged looks that stand out from the channel's level: evidence for what comes and goes.
@@ -109,13 +114,13 @@ impl Channel {
     }
 
     /// Takes in the next look, and returns the draft of the episode that has ended with it. `named`:
-    /// of a flagged look; `of_all`: looks at all channels while no episode was on in them.
+    /// of a flagged look; `quiet`: this look counts among them.
     pub fn look(
         &mut self,
         t_ns: i64,
         ratio: f32,
         named: Option<&IsolatedSignal>,
-        of_all: Flags,
+        quiet: Quiet,
         rules: &Rules,
     ) -> Option<Box<EpisodeDraft>> {
         let was_raised = self.evidence.raised;
@@ -125,17 +130,14 @@ impl Channel {
         let was_quiet = self.evidence.is_quiet();
         let step = self.evidence.look(ratio, rules.bound);
         self.looks += 1;
-        if !was_raised {
-            self.quiet.add(ratio > 1.0);
-        }
 
         if was_raised || step == Step::Raised {
             self.flagged_looks = None;
         } else if stands_out {
-            let others = of_all.without(self.quiet);
-            self.count_flagged(t_ns, named, others, rules);
+            let (others, looks) = (of_others(quiet.all, quiet.place), quiet.all[quiet.place].looks);
+            self.count_flagged(t_ns, named, (looks - 1, others), rules);
             // as long as the sequential test has evidence, the fault did not go
-            if was_quiet && self.is_intermittent(t_ns, others, rules) {
+            if was_quiet && self.is_intermittent(t_ns, (looks, others), rules) {
                 return None;
             }
         }
@@ -171,15 +173,15 @@ impl Channel {
         None
     }
 
-    /// Counts one more flagged look that stands out. Where nothing speaks for a fault the test begins anew.
+    /// Counts one more flagged look that stands out. Where nothing speaks for a fault the test begins anew. `before`:
+    /// number of looks before it while no episode was on.
     fn count_flagged(
         &mut self,
         t_ns: i64,
         named: Option<&IsolatedSignal>,
-        others: Flags,
+        (before, others): (u64, Flags),
         rules: &Rules,
     ) {
-        let before = self.quiet.looks - 1;
         let begin_anew = |all: &FlaggedLooks| all.flags(before).begin_anew(others);
         if self.flagged_looks.as_deref().is_none_or(begin_anew) {
             let draft = EpisodeDraft::new(rules);
@@ -193,9 +195,8 @@ impl Channel {
     }
 
     /// Raises a fault that comes and goes, from its first flagged look on, if the evidence reaches the
-    /// bound, and tells whether it does.
-    fn is_intermittent(&mut self, t_ns: i64, others: Flags, rules: &Rules) -> bool {
-        let looks = self.quiet.looks;
+    /// bound, and tells whether it does. `looks`: number of looks while no episode was on.
+    fn is_intermittent(&mut self, t_ns: i64, (looks, others): (u64, Flags), rules: &Rules) -> bool {
         let suffices = |all: &mut Box<FlaggedLooks>| {
             all.flags(looks).evidence(others) >= f64::from(rules.bound)
         };

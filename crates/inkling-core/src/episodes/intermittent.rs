@@ -2,7 +2,7 @@
 //! too many in all for false alarms.
 //!
 //! In: how many looks at a channel were flagged, of how many ([`Flags`]), and the same of the other
-//! channels of its printhead. Out: the ln likelihood ratio of "flagged for reasons of its own"
+//! channels of its printhead ([`of_others`]). Out: the ln likelihood ratio of "flagged for reasons of its own"
 //! against "flagged by false alarms" ([`Flags::evidence`]).
 //!
 //! Flags are taken for independent: with rate q on a healthy channel, and with a share p on a
@@ -33,11 +33,6 @@ impl Flags {
         self.flagged += u64::from(flagged);
     }
 
-    pub fn without(self, those: Flags) -> Flags {
-        let looks = self.looks.saturating_sub(those.looks);
-        Flags { looks, flagged: self.flagged.saturating_sub(those.flagged) }
-    }
-
     pub fn share(self) -> f64 {
         self.flagged as f64 / self.looks.max(1) as f64
     }
@@ -46,7 +41,7 @@ impl Flags {
         self.flagged == 0 || self.evidence(others) < 0.0
     }
 
-    /// `others`: looks at the printhead's other channels while no episode was on.
+    /// `others`: looks at the printhead's other channels ([`of_others`]).
     pub fn evidence(self, others: Flags) -> f64 {
         // The rate q: what all channels do is no fault of one. The upper bound is somewhat arbitrary.
         let rate = (tuned::OF_OTHERS * others.share()).clamp(LEAST_RATE, 0.2);
@@ -58,6 +53,21 @@ impl Flags {
         let most = lns.iter().copied().fold(f64::NEG_INFINITY, f64::max);
         most + (lns.iter().map(|ln| (ln - most).exp()).sum::<f64>() / lns.len() as f64).ln()
     }
+}
+
+/// The looks at the printhead's other channels that tell how often healthy channels are flagged: at those three quarters
+/// of them that are flagged most seldom, as others may have faults that come and go, too. `all`: looks at each channel
+/// while no episode was on; `place`: of the channel itself.
+pub fn of_others(all: &[Flags], place: usize) -> Flags {
+    let mut others: Vec<Flags> = [&all[..place], &all[place + 1..]].concat();
+    let kept = others.len() - others.len() / 4;
+    if kept < others.len() {
+        others.select_nth_unstable_by(kept, |a, b| a.share().total_cmp(&b.share()));
+    }
+    others[..kept].iter().fold(Flags::default(), |sum, of| Flags {
+        looks: sum.looks + of.looks,
+        flagged: sum.flagged + of.flagged,
+    })
 }
 
 #[cfg(test)]
@@ -106,6 +116,19 @@ mod tests {
                 assert!(found >= 90, "{rate} after {past}: {found}");
             }
         }
+    }
+
+    #[test]
+    fn channels_that_come_and_go_together_hide_none_of_each_other() {
+        let flags = |flagged: u64| Flags { looks: 200, flagged };
+        let (healthy, faulty) = (vec![flags(0); 52], vec![flags(20); 12]);
+        let all = [healthy, faulty].concat();
+        assert!(all[60].evidence(of_others(&all, 60)) > 16.1);
+        // what most channels do, and every channel of a small printhead
+        let all = [vec![flags(0); 20], vec![flags(20); 44]].concat();
+        assert!(all[60].evidence(of_others(&all, 60)) < 0.0);
+        assert!(flags(20).evidence(of_others(&[flags(20), flags(19)], 0)) < 0.0);
+        assert_eq!(of_others(&[flags(20)], 0), Flags::default());
     }
 
     #[test]

@@ -3,7 +3,7 @@
 //! In: the bursts of one printhead in the order of time. Out, into [`TrackerOutput`]: episodes that
 //! have ended, and, if the tracker works at once, those that were raised.
 
-use super::channel::Channel;
+use super::channel::{Channel, Quiet};
 use super::intermittent::Flags;
 use super::order::WaitingBursts;
 use super::rules::Rules;
@@ -22,8 +22,8 @@ pub struct Printhead {
     /// The channels in the order in which they were met, which is mostly that of their numbers.
     pub states: Vec<Channel>,
     place: HashMap<u32, usize>,
-    /// Looks at all channels while no episode was on in them: the rate of false alarms.
-    flags: Flags,
+    /// Looks at each channel while no episode was on in it, and flagged ones among them.
+    quiet: Vec<Flags>,
     pub untimely: Untimely,
 }
 
@@ -57,6 +57,7 @@ impl Printhead {
         *channels += 1;
         self.place.insert(number, self.states.len());
         self.states.push(Channel::new(number));
+        self.quiet.push(Flags::default());
         Some(self.states.len() - 1)
     }
 
@@ -71,6 +72,7 @@ impl Printhead {
             }
             *channel = Channel::new(channel.number);
         }
+        self.quiet.fill(Flags::default());
     }
 
     pub fn look(&mut self, looks: &Looks, rules: &Rules, output: &mut TrackerOutput) {
@@ -115,10 +117,11 @@ impl Printhead {
 
         // looks while an episode is on are no false alarms
         if !channel.evidence.raised {
-            self.flags.add(ratio > 1.0);
+            self.quiet[place].add(ratio > 1.0);
         }
 
-        if let Some(over) = channel.look(looks.t_ns, ratio, named, self.flags, rules) {
+        let quiet = Quiet { all: &self.quiet, place };
+        if let Some(over) = channel.look(looks.t_ns, ratio, named, quiet, rules) {
             counts.episodes += 1;
             // the fault ended with the first of the looks that fit the return to healthy
             let end = over.fading.map(|(t_ns, _)| t_ns);
