@@ -179,6 +179,8 @@ pub struct ChangesSince<'a> {
     unjudged: Vec<Unjudged>,
     /// Recordings whose results came since and that are damaged, and how.
     damaged: Vec<Unjudged>,
+    /// Faults that were told and that the results do not show any more.
+    gone: Vec<&'a ToldFault>,
     /// Pairs of recordings, one of them since then, that hold the same channels at the same times.
     overlapping: Vec<&'a [String; 2]>,
 }
@@ -238,15 +240,27 @@ impl<'a> ChangesSince<'a> {
         let heads = report.head_changes.iter().filter(|of| !has_results(&of.recording)).collect();
         let is_since = |of: &&[String; 2]| !of.iter().all(|name| has_results(name));
         let overlapping = report.overlapping.iter().filter(is_since).collect();
+        let is_gone = |told: &&ToldFault| !faults.iter().any(|fault| told.is(&fault.story));
+        let gone = earlier.faults.iter().flatten().filter(is_gone).collect();
         let known = report.open().filter(|fault| fault.story.known.is_some()).count();
         let again = lines.iter().filter(|line| earlier.is_again(&line.name)).count();
-        Ok(ChangesSince { earlier, changes, again, known, heads, unjudged, damaged, overlapping })
+        Ok(ChangesSince {
+            earlier,
+            changes,
+            again,
+            known,
+            heads,
+            unjudged,
+            damaged,
+            gone,
+            overlapping,
+        })
     }
 
-    /// The changes as JSON. `still` is the number of faults that are on as before, `known` of those that are
+    /// The changes as JSON. `still` is the number of faults that are on as before, `may_return` of those that are over and came back before, `known` of those that are
     /// acknowledged, `judged_again` of recordings.
     pub fn as_json(&self) -> Value {
-        let Changes { from_ns, to_ns, recordings, still, .. } = &self.changes;
+        let Changes { from_ns, to_ns, recordings, still, may_return, .. } = &self.changes;
         let mut document = json!({
             "since": self.earlier.run,
             "from": (*recordings > 0).then(|| rfc3339(*from_ns)),
@@ -254,10 +268,12 @@ impl<'a> ChangesSince<'a> {
             "recordings": recordings,
             "judged_again": self.again,
             "still": still,
+            "may_return": may_return,
             "known": self.known,
             "unjudged": self.unjudged,
             "heads": self.heads.iter().map(|of| head_as_json(of)).collect::<Value>(),
             "damaged": self.damaged,
+            "no_longer_told": self.gone,
             "overlapping": self.overlapping,
         });
         for (key, _, faults) in &self.changes.kinds {
@@ -267,7 +283,7 @@ impl<'a> ChangesSince<'a> {
     }
 
     pub fn print(&self, out: &mut impl Write) -> std::io::Result<()> {
-        let Changes { from_ns, to_ns, recordings, still, .. } = &self.changes;
+        let Changes { from_ns, to_ns, recordings, still, may_return, .. } = &self.changes;
         let then = self.earlier.called;
         if *recordings > 0 {
             let (from, to) = (clock(*from_ns), clock(*to_ns));
@@ -299,6 +315,13 @@ impl<'a> ChangesSince<'a> {
         };
         list(out, "not judged", self.unjudged.iter().map(line))?;
         list(out, "damaged", self.damaged.iter().map(line))?;
+        let line = |ToldFault { printhead, channel, from_ns, to_ns }: &&ToldFault| {
+            let (head, from, to) = (printable(printhead), clock(*from_ns), clock(*to_ns));
+            format!(
+                "{head} channel {channel}: its fault from {from} to {to} stands in no results any more"
+            )
+        };
+        list(out, "no longer told", self.gone.iter().map(line))?;
         let line = |[a, b]: &&[String; 2]| {
             let [a, b] = [a, b].map(|name| printable::line(name, 200));
             format!(
@@ -312,6 +335,10 @@ impl<'a> ChangesSince<'a> {
         }
         if *still > 0 {
             writeln!(out, "{} to clean as before", counted(*still as u64, "channel"))?;
+        }
+        if *may_return > 0 {
+            let count = counted(*may_return as u64, "channel");
+            writeln!(out, "{count} healthy as before, whose fault came back before")?;
         }
         if self.known > 0 {
             writeln!(out, "{} acknowledged as known", counted(self.known as u64, "fault"))?;

@@ -176,6 +176,6 @@ fn one(
 
 /// Sentences on why the signals may be no ring-downs as they are laid out.
 fn doubts(recording: &Recording) -> Vec<String> {
-    let doubts = ring_look::doubts(recording).into_iter();
+    let doubts = ring_look::doubts(recording, false).into_iter();
     doubts.map(|(printhead, what)| format!("{printhead}: {what}")).collect()
 }

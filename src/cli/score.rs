@@ -18,7 +18,7 @@ use super::report_page::write_text;
 use super::{output, results, score_critiques, scored};
 use inkling_core::design::IsolateSettings;
 use inkling_core::fault::{HEALTHY, category};
-use inkling_core::labels::{Label, Labels, RecordedSpans, Span};
+use inkling_core::labels::{Label, Labels, RecordedSpans, Span, known_states};
 use inkling_core::model::faults::Catalogue;
 use inkling_core::promise::Promise;
 use inkling_core::verdict::{Outcome, VerdictColumns};
@@ -31,6 +31,7 @@ use inkling_lab::score::episodes::{DetectedEpisode, EpisodeScore};
 use inkling_lab::score::severity::SeverityScore;
 use inkling_lab::score::{Prediction, Report, Score};
 use serde_json::json;
+use std::collections::BTreeSet;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
@@ -106,6 +107,20 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     let mut scoring = Scoring::new(&labels, args.report.is_some());
     let documents: Vec<serde_json::Value> =
         files.iter().map(|file| summary_file::of_table(&file.path)).collect();
+
+    let mut known: BTreeSet<&str> = known_states().collect();
+    for document in &documents {
+        known.extend(
+            document["classes"].as_array().into_iter().flatten().filter_map(|of| of.as_str()),
+        );
+    }
+    let states: BTreeSet<&str> = labels.rows().iter().map(|row| row.state.as_str()).collect();
+    for state in states.difference(&known) {
+        let (path, state) = (labels_path.display(), printable::cell(state));
+        complain(&format!(
+            "warning: {path}: state `{state}` is neither `healthy`, nor a class of the verdicts: it counts as a fault"
+        ));
+    }
 
     // of several tables of one recording one is scored, so that no signal counts twice
     let tables = files.iter().zip(&documents);

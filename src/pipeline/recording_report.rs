@@ -149,9 +149,9 @@ pub fn note_not_judged(
 ) {
     let (tally, settings) = (&report.tally, &replay.settings);
 
-    // printheads; a design knows how its signals lie and how far apart their samples are
-    let doubts = if replay.design.is_some() { Vec::new() } else { ring_look::doubts(recording) };
-    let doubts = doubts.into_iter().map(|doubt| doubted(doubt, tally));
+    // printheads
+    let doubts = ring_look::doubts(recording, replay.design.is_some()).into_iter();
+    let doubts = doubts.map(|doubt| doubted(doubt, tally));
     let rejected = rejected(tally, judges, &report.refusals);
     let is_known =
         |told: &NotJudged| report.odd_times.iter().any(|of| of.printhead == told.printhead);

@@ -26,32 +26,38 @@ const MOST_ROWS: usize = 4096;
 const RINGS_WITHIN: [f64; 2] = [500.0, 2e6];
 /// Maximum number of printheads that are told of.
 const MOST_TOLD: usize = 8;
+/// Of fewer channels a single faulty one makes them unlike each other.
+const FEWEST_ALIKE: usize = 6;
 /// Signals are clipped that have so many samples in a row at one value, if this share of all signals is so.
 const STAND_STILL: usize = 3;
 const CLIPPED: f64 = 0.25;
+/// So many bursts are looked at for that.
+const MOST_CLIPPED_BURSTS: usize = 8;
 /// Channels of more than this many times the median channel's energy are left out.
 const MOST_ENERGY: f64 = 100.0;
 
-pub fn doubts(recording: &Recording) -> Vec<(String, String)> {
+/// `has_design`: whether a design judges, which knows how its signals lie and how far apart their samples are.
+pub fn doubts(recording: &Recording, has_design: bool) -> Vec<(String, String)> {
     let mut by_printhead: BTreeMap<String, Vec<Burst>> = BTreeMap::new();
-    for burst in first_bursts(recording) {
+    let most = if has_design { MOST_CLIPPED_BURSTS } else { MOST_BURSTS };
+    for burst in first_bursts(recording, most) {
         by_printhead.entry(burst.printhead.to_string()).or_default().push(burst);
     }
     let doubt = |(name, bursts): (String, Vec<Burst>)| {
-        let what = of_layout(&bursts).or_else(|| of_period(&bursts));
-        let what = what.or_else(|| of_clipping(&bursts))?;
-        Some((name, what))
+        let of_ring = || of_layout(&bursts).or_else(|| of_period(&bursts));
+        let what = if has_design { None } else { of_ring() };
+        Some((name, what.or_else(|| of_clipping(&bursts))?))
     };
     by_printhead.into_iter().filter_map(doubt).take(MOST_TOLD).collect()
 }
 
-fn first_bursts(recording: &Recording) -> Vec<Burst> {
+fn first_bursts(recording: &Recording, most: usize) -> Vec<Burst> {
     let (mut reader, mut all) = (recording.reader(), Vec::new());
     for block in recording.blocks().filter_map(Result::ok).take(MOST_BLOCKS) {
         reader.load(&block);
         while let Some(piece) = reader.next_piece(MOST_ROWS) {
             all.extend(piece.acquisitions.iter().filter_map(usable).cloned());
-            if all.len() >= MOST_BURSTS {
+            if all.len() >= most {
                 return all;
             }
         }
@@ -95,7 +101,7 @@ fn of_layout(bursts: &[Burst]) -> Option<String> {
             noisy.push(here);
         }
         let other = RowLayout::of(&all, channels, !sample_major).filter(RowLayout::is_plausible);
-        if let Some(other) = other.filter(|_| channels > 1 && !here.is_plausible()) {
+        if let Some(other) = other.filter(|_| channels >= FEWEST_ALIKE && !here.is_plausible()) {
             other_way.push((here, other));
         }
     }
@@ -151,16 +157,17 @@ fn of_clipping(bursts: &[Burst]) -> Option<String> {
         burst.copy_signal(channel as usize, &mut signal);
         signal
     };
+    let bursts = &bursts[..bursts.len().min(MOST_CLIPPED_BURSTS)];
     let signals = bursts.iter().flat_map(|burst| (0..burst.channels).map(|c| signal(burst, c)));
     let signals: Vec<Vec<f64>> = signals.collect();
     let all = || signals.iter().flatten().copied().filter(|y| y.is_finite());
-    let [least, most] =
-        [all().fold(f64::INFINITY, f64::min), all().fold(f64::NEG_INFINITY, f64::max)];
+    let (least, most) =
+        (all().fold(f64::INFINITY, f64::min), all().fold(f64::NEG_INFINITY, f64::max));
+    let steps = signals.iter().flat_map(|signal| signal.windows(2).map(|of| (of[1] - of[0]).abs()));
+    let step = steps.filter(|step| *step > 0.0).fold(f64::INFINITY, f64::min);
     [most, least].into_iter().filter(|rail| rail.abs() < f64::from(i16::MAX)).find_map(|rail| {
-        let stands = |signal: &&Vec<f64>| {
-            signal.windows(STAND_STILL).any(|of| of.iter().all(|y| *y == rail))
-        };
-        let (n, of) = (signals.iter().filter(stands).count(), signals.len());
+        let clipped = signals.iter().filter(|signal| stands_still(signal, rail, step));
+        let (n, of) = (clipped.count(), signals.len());
         (n as f64 > CLIPPED * of as f64).then(|| {
             format!(
                 "{n} of {of} signals stand still at {rail} for {STAND_STILL} samples and more, beyond which no sample lies: \
@@ -168,6 +175,25 @@ fn of_clipping(bursts: &[Burst]) -> Option<String> {
             )
         })
     })
+}
+
+/// Whether a signal stands still at `rail` and leaves it suddenly. The peak of a ring in few codes stands still, too, and
+/// leaves its code for the next ones, which lie a `step` apart.
+fn stands_still(signal: &[f64], rail: f64, step: f64) -> bool {
+    let is_far = |y: f64| (y - rail).abs() > STAND_STILL as f64 * step;
+    signal
+        .chunk_by(|a, b| (*a == rail) == (*b == rail))
+        .scan(0, |at, run| {
+            *at += run.len();
+            Some((*at, run))
+        })
+        .any(|(end, run)| {
+            let beside =
+                [signal.get(end), end.checked_sub(run.len() + 1).and_then(|at| signal.get(at))];
+            run[0] == rail
+                && run.len() >= STAND_STILL
+                && beside.into_iter().flatten().any(|y| is_far(*y))
+        })
 }
 
 #[cfg(test)]
@@ -179,7 +205,7 @@ mod tests {
     fn signals_that_stand_still_at_one_value_are_clipped_and_flat_peaks_are_not() {
         let told = |most: f32, size: f32| {
             let ring = |channel: usize| -> Vec<f32> {
-                let size = size * (1.0 + 0.01 * channel as f32);
+                let size = size * (1.0 + 0.001 * channel as f32);
                 let sample = |k: u8| {
                     let k = f32::from(k);
                     (size * (-k / 50.0).exp() * (0.1 * k).cos()).round().min(most)

@@ -13,8 +13,13 @@ use super::fault::{Fault, certain_trend};
 use super::night::{Span, last_night, whole};
 use super::story::Story;
 use super::trend::Direction;
+use super::watch::quantity;
+use inkling_core::episodes::Episode;
 use std::collections::BTreeSet;
 use std::sync::Arc;
+
+/// A size has changed if it differs by so many standard deviations.
+const CERTAIN: f64 = 3.0;
 
 /// The last faults of all channels, sorted by what became of them.
 #[derive(Debug)]
@@ -25,9 +30,11 @@ pub struct Changes<'a> {
     /// Number of recordings since then.
     pub recordings: usize,
     /// The changed faults by kind (key in JSON, words, faults), the most important kind first.
-    pub kinds: [(&'static str, &'static str, Vec<&'a Fault>); 6],
-    /// Number of faults that are to be cleaned as before.
+    pub kinds: [(&'static str, &'static str, Vec<&'a Fault>); 7],
+    /// Number of faults that are on as before.
     pub still: usize,
+    /// Number of faults that are over as before and came back before.
+    pub may_return: usize,
     /// Printheads that earlier recordings judged, and that no recording since then judged.
     pub silent: Vec<Arc<str>>,
 }
@@ -84,26 +91,47 @@ impl<'a> Changes<'a> {
         let of_last: BTreeSet<Arc<str>> =
             last.iter().chain(until_now).flat_map(|of| judged(of)).collect();
 
-        // the name that the recordings since then give, where the earlier ones gave another
-        let is_other = |story: &Story| {
-            let name = |since: bool| {
-                let spells = story.spells.iter().rev();
-                let mut spells = spells.filter(|of| known.contains(&of.recording) != since);
-                spells.find_map(|of| of.episode.category.as_ref())
-            };
-            name(true).zip(name(false)).is_some_and(|(is, was)| is != was)
+        // the latest episode in the recordings since then, and in the earlier ones
+        let latest = |story: &'a Story, since: bool| -> Option<&'a Episode> {
+            let mut spells = story.spells.iter().rev();
+            spells.find(|of| known.contains(&of.recording) != since).map(|of| &of.episode)
+        };
+        let both = |story| Some((latest(story, false)?, latest(story, true)?));
+        // a name that one episode lacks is lost only where the signals since then carry it no longer
+        let is_other = |story: &'a Story| {
+            both(story).is_some_and(|(was, is)| match (&was.category, &is.category) {
+                (Some(was), Some(is)) => was != is,
+                (Some(_), None) => story.lost.is_some(),
+                (None, is) => is.is_some(),
+            })
+        };
+        // by more than both sizes are uncertain
+        let is_resized = |story: &'a Story, way: Direction| {
+            both(story).is_some_and(|(was, is)| {
+                let same = quantity(was) == quantity(is);
+                let sizes = was.severity_last.zip(is.severity_last).filter(|_| same);
+                let sds = was.severity_sd.zip(is.severity_sd);
+                sizes.zip(sds).is_some_and(|((was, is), (a, b))| {
+                    let change = is - was;
+                    let is_worse = way == Direction::Worse;
+                    change.abs() > CERTAIN * a.hypot(b) && (change > 0.0) == is_worse
+                })
+            })
         };
 
         // The order of the cases matters: each fault counts once, and a new one is not also worse.
-        let kind = |fault: &Fault| {
+        let kind = |fault: &'a Fault| {
             let story = &fault.story;
             let is_shown = || story.spells.iter().any(|of| known.contains(&of.recording));
             let was_known = was_told(story).unwrap_or_else(is_shown);
             // a trend that no recording since then adds to was told before
             let is_seen = story.spells.iter().any(|of| !known.contains(&of.recording));
-            let is_worse =
-                is_seen && certain_trend(story).is_some_and(|t| t.direction() == Direction::Worse);
+            let goes = |way: Direction| {
+                let trend = certain_trend(story).is_some_and(|t| t.direction() == way);
+                is_seen && (trend || is_resized(story, way))
+            };
             match story.ended_at_ns {
+                _ if story.replaced_at_ns.is_some() => "replaced",
                 Some(_) if !was_known => "passed",
                 _ if !fault.is_latest && !was_known => "passed",
                 _ if !fault.is_latest => "followed by another",
@@ -113,35 +141,40 @@ impl<'a> Changes<'a> {
                 // cured, and began again after the end of the earlier recordings
                 None if story.last_began_at_ns > known_to_ns => "back",
                 None if is_other(story) => "changed",
-                None if is_worse => "worse",
+                None if goes(Direction::Worse) => "worse",
+                None if goes(Direction::Better) => "better",
                 None => "as before",
             }
         };
         let of_kind = |key: &str| -> Vec<&'a Fault> {
             // what is known is no news, unless it is another fault by now
-            let is_news = |of: &&Fault| of.story.known.is_none() || is_other(&of.story);
+            let is_news = |of: &&'a Fault| of.story.known.is_none() || is_other(&of.story);
             let news = faults.iter().filter(is_news);
             news.filter(|fault| kind(fault) == key).collect()
         };
         let kinds = [
             ("new", "new"),
             ("back", "came back"),
-            ("changed", "another fault now"),
+            ("changed", "changed"),
             ("worse", "getting worse"),
+            ("better", "getting better"),
             ("cured", "healthy again"),
             ("passed", "came and went"),
         ];
         let kinds = kinds.map(|(key, words)| (key, words, of_kind(key)));
-        let told = kinds.iter().filter(|(key, ..)| *key != "cured");
-        let told = told.flat_map(|(_, _, of)| of);
-        let told = told.filter(|of| of.is_open() && of.story.known.is_none());
+        let told = kinds.iter().flat_map(|(_, _, of)| of).copied();
+        let rest = |is_on: bool| {
+            let is_it = |of: &&Fault| {
+                of.is_open() && of.story.known.is_none() && of.story.ended_at_ns.is_none() == is_on
+            };
+            faults.iter().filter(is_it).count() - told.clone().filter(is_it).count()
+        };
         Changes {
             from_ns,
             to_ns,
             recordings: last.iter().filter(|line| line.span.is_some()).count(),
-            // one that comes and goes is to be cleaned though it is healthy now
-            still: faults.iter().filter(|of| of.is_open() && of.story.known.is_none()).count()
-                - told.count(),
+            still: rest(true),
+            may_return: rest(false),
             kinds,
             silent: of_before.difference(&of_last).cloned().collect(),
         }

@@ -147,9 +147,12 @@ fn loss(class: Option<&str>, category: Option<&str>, severity: Option<f64>) -> f
 
 /// What the fault is in words, without its size.
 pub fn what(story: &Story) -> String {
-    let of_now = story.lost.is_none();
     let words = name_in_words(story);
-    if of_now { words } else { format!("no longer named; {words} when last known") }
+    match (story.lost, story.ended_at_ns) {
+        (None, _) => words,
+        (Some(_), None) => format!("no longer named; {words} when last known"),
+        (Some(_), Some(_)) => format!("not named at its end; {words} when last known"),
+    }
 }
 
 /// The name of the fault, or what stands for it.
@@ -181,6 +184,9 @@ pub fn size(story: &Story) -> String {
 pub fn instead_in_words(story: &Story) -> Option<String> {
     story.lost?;
     let since = words::clock(story.known_at_ns);
+    if story.ended_at_ns.is_some() {
+        return Some(format!("its signals carried no name after {since}"));
+    }
     let distance = story.distance.map(|d| {
         format!("now {} times as far from healthy as the threshold", words::three_digits(d))
     });

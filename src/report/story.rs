@@ -108,8 +108,8 @@ pub struct Story {
     /// Of what time name and size are: t_a of the last signal that carries the name, or of a story without a
     /// name, of its last look.
     pub known_at_ns: i64,
-    /// Where present signals carry the name no longer: the size that it had at last, which is not told as of
-    /// now. Then the story has no size and no certainty, and its trend is that of the distance from healthy.
+    /// Where present signals, or those before its end, carry the name no longer: the size that it had at last, which is
+    /// not told as of now. Then the story has no size and no certainty, and its trend is that of the distance from healthy.
     pub lost: Option<LastSize>,
     /// The first and the last severity among the episodes that are sized in `quantity`.
     pub severity_first: Option<f64>,
@@ -284,9 +284,12 @@ fn story(
         severity: of_signals.or(last_sized.and_then(|e| e.severity_last)),
         sd: last_sized.and_then(|e| e.severity_sd),
     };
-    // where present signals of a fault that is on carry the name no longer, the distance is what is known of it
+    // where the last signals of a fault carry the name no longer, the distance is what is known of it; those with which
+    // it went may be without a name
     let last_named = last_named(watch, spells, named, ended_at_ns.unwrap_or(i64::MAX));
-    let lost = (!last_named.is_of_now && ended_at_ns.is_none()).then_some(last);
+    let ends_unnamed = spells[spells.len() - 1].episode.category.is_none();
+    let is_lost = !last_named.is_of_now && (ended_at_ns.is_none() || ends_unnamed);
+    let lost = is_lost.then_some(last);
     let quantity = if lost.is_some() { Some(DISTANCE) } else { quantity };
 
     // The relative standard deviation of the size, measured from the severity of no fault
@@ -334,7 +337,7 @@ fn story(
         severity_sd: size_of_now.sd,
         trend: trend.map(|trend| trend.of_scale(scale)),
         distance: within.last().map(|bin| bin.mean()),
-        certainty: named.certainty.filter(|_| lost.is_none()),
+        certainty: named.certainty.filter(|_| lost.is_none() && !is_unnamed),
         known_at_ns: last_named.at_ns,
         lost,
         replaced_at_ns: None,
@@ -456,8 +459,12 @@ mod tests {
     #[test]
     fn what_signals_carry_no_longer_is_told_as_last_known() {
         let hour = 3_600_000_000_000;
-        let mut spells: Vec<Spell> =
-            (0..10).map(|r| spell(r, r as i64 * 24 * hour, None, "dried_nozzle")).collect();
+        let spells_of = |ended_at_ns: Option<i64>| -> Vec<Spell> {
+            let ended = |r: usize| ended_at_ns.filter(|_| r == 9);
+            let on = |r| spell(r, r as i64 * 24 * hour, ended(r), "dried_nozzle");
+            (0..10).map(on).collect()
+        };
+        let mut spells = spells_of(None);
         spells[5..].iter_mut().for_each(|of| of.episode.category = None);
         let mut bursts = Vec::new();
         for r in 0..10 {
@@ -477,6 +484,14 @@ mod tests {
         let all = stories(&watch_of(spells, &bursts), &RATES());
         assert_eq!(all.len(), 1, "it was never gone");
         let s = &all[0];
+        // so it is where it is over
+        let mut over = spells_of(Some(10 * 24 * hour));
+        over[5..].iter_mut().for_each(|of| of.episode.category = None);
+        let quiet = (0..20).map(|k| (9, 10 * 24 * hour + i64::from(k), None));
+        let bursts: Vec<_> = bursts.into_iter().chain(quiet).collect();
+        let past = &stories(&watch_of(over, &bursts), &RATES())[0];
+        assert!(past.ended_at_ns.is_some());
+        assert_eq!((past.severity_last, past.certainty, past.lost), (None, None, s.lost));
         assert_eq!((s.severity_last, s.certainty), (None, None));
         assert_eq!(s.lost, Some(LastSize { severity: Some(1.4), sd: Some(0.1) }));
         assert_eq!(s.category.as_deref(), Some("dried_nozzle"), "the name it had");

@@ -107,11 +107,7 @@ impl Guess<'_> {
             Some(of) => self.say_dimensions(&of),
             None => self.say_shape(),
         }
-        if !self.say_named("first_channel", &FIRST, Slot::FirstChannel, "")
-            && self.is_of_one_channel()
-        {
-            self.say_named("first_channel", &CHANNEL, Slot::FirstChannel, "");
-        }
+        self.say_first_channel(&samples.path);
         self.say_sampling();
         self.say_printhead(varies);
         self.say_time();
@@ -149,6 +145,33 @@ impl Guess<'_> {
                     self.say("period_s", QUESTION, comment);
                 }
             }
+        }
+    }
+
+    /// Writes the number of the first channel, if a field says it. A dialect has channels that follow each other, so a
+    /// list of other numbers is a question.
+    fn say_first_channel(&mut self, samples: &str) {
+        if self.say_named("first_channel", &FIRST, Slot::FirstChannel, "") {
+            return;
+        }
+        if self.is_of_one_channel() {
+            self.say_named("first_channel", &CHANNEL, Slot::FirstChannel, "");
+            return;
+        }
+        let is_list = |field: &&FieldInfo| {
+            let own = field.path.rsplit('.').next().unwrap_or_default();
+            let is_named = has_word(own, "channel channels nozzle nozzles ch chs");
+            field.is_numbers() && field.path != samples && is_named
+        };
+        let Some(list) = self.first.fields.iter().find(is_list) else { return };
+        let numbers = self.first.numbers(&list.path).unwrap_or_default();
+        let Some(first) = numbers.first() else { return };
+        if numbers.windows(2).all(|of| of[1] == of[0] + 1.0) {
+            let comment = format!("? by {} of the first message", list.path);
+            self.say("first_channel", &first.to_string(), &comment);
+        } else {
+            let comment = format!("? {} lists numbers that do not follow each other", list.path);
+            self.say("first_channel", QUESTION, &comment);
         }
     }
 
