@@ -47,7 +47,7 @@ impl Run<'_> {
 
         // 2. warnings by printhead
         let mut warnings = results.temperatures.warnings();
-        warnings.extend(judges.wide_thresholds());
+        warnings.extend(judges.wide_thresholds(false));
         let identify = &replay.settings.identify;
         let changes = moved.iter().flat_map(|of| {
             let told = of.warnings(identify).into_iter();

@@ -177,6 +177,10 @@ pub fn note_not_judged(
         let list = if topic.by_dialect { &mut all } else { &mut report.unread };
         list.push(nobody_reads(topic));
     }
+    report.unread.extend(judges.wide_thresholds(true).map(|(printhead, what)| {
+        let what = format!("{printhead}: {what}");
+        NotJudged { printhead: Some(printhead.to_string()), what, ..NotJudged::default() }
+    }));
     report.unread.extend(recording.silent.iter().map(|topic| NotJudged {
         topic: Some(topic.clone()),
         what: format!("topic {topic}: has no messages, so that nothing is known of its printhead"),

@@ -168,13 +168,14 @@ impl<'a> Judges<'a> {
         self.models.iter().map(|(model, reference_v)| (&**model, *reference_v))
     }
 
-    /// Warnings by printhead: the window was too small for the stated false alarm rate.
-    pub fn wide_thresholds(&self) -> Vec<(Arc<str>, String)> {
-        let wide = |(of, _): &(Arc<HealthyModel>, _)| {
-            let what = of.threshold.wide_in_words()?;
-            Some((of.printhead.as_deref().unwrap_or_default().into(), what))
-        };
-        self.models.iter().filter_map(wide).collect()
+    /// Sentences on thresholds that lie far out since the window tells little of healthy signals, by printhead. `blind`:
+    /// on those that only gross faults exceed, or on the others.
+    pub fn wide_thresholds(&self, blind: bool) -> impl Iterator<Item = (Arc<str>, String)> {
+        let models = self.models.iter().filter(move |(of, _)| of.threshold.is_blind() == blind);
+        models.filter_map(|(of, _)| {
+            let printhead = of.printhead.as_deref().unwrap_or_default();
+            Some((printhead.into(), of.threshold.wide_in_words()?))
+        })
     }
 
     /// How the bursts of a printhead and the design's are sampled; `None`: no difference was noted.

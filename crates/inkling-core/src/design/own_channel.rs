@@ -11,8 +11,7 @@
 
 use super::tuned;
 use crate::isolate::physics_density::FaultCurves;
-use crate::model::bisection::bisected;
-use crate::model::normal::upper_tail;
+use crate::model::normal::chi_squared_3;
 use crate::state::{Head, OwnLevel};
 use nalgebra::{Matrix4, Vector4};
 use std::sync::Arc;
@@ -179,27 +178,5 @@ impl OwnChannels {
 
     pub fn scatter(&self, behind: Behind) -> &Matrix4<f64> {
         &self.basis.scatter[behind.0]
-    }
-}
-
-/// Upper quantile of chi-squared with three degrees of freedom: 2 Q(sqrt x) + sqrt(2 x / pi)
-/// e^(-x/2) with the upper tail Q of the normal distribution is `rate` there.
-fn chi_squared_3(rate: f64) -> f64 {
-    let beyond = |x: f64| {
-        2.0 * upper_tail(x.sqrt()) + (2.0 * x / std::f64::consts::PI).sqrt() * (-x / 2.0).exp()
-    };
-    let [_, high] = bisected(0.0, 200.0, 60, |x| beyond(x) > rate);
-    high
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn chi_squared_agrees_with_tables() {
-        for (rate, x) in [(0.05, 7.815), (0.01, 11.345), (0.001, 16.266)] {
-            assert!((chi_squared_3(rate) / x - 1.0).abs() < 1e-4, "{rate}");
-        }
     }
 }

@@ -16,6 +16,7 @@ use super::DetectError;
 use super::mixture::{Counts, Mixture};
 use super::threshold::{Method, Threshold, check_energies, distinct, sums_of_channels};
 use crate::model::median::median;
+use crate::model::normal::chi_squared_3;
 use crate::model::student::student_quantile;
 
 pub use super::mixture::{Degrees, Spread};
@@ -62,6 +63,11 @@ pub fn contaminated(
     let widening = jackknifed(&without.collect::<Vec<_>>(), confidence);
 
     let value = median * (estimate + widening).exp();
+    // of few channels a faulty one may as well be a healthy one of a law without an end
+    let of_many = match degrees {
+        Degrees::Three => median * chi_squared_3(rate) / chi_squared_3(0.5),
+        Degrees::OneSided => f64::INFINITY,
+    };
     let numbers = distinct(channels.to_vec());
     if !value.is_finite() {
         return Err(DetectError::TooFewChannels { channels: numbers.len(), confidence });
@@ -75,7 +81,7 @@ pub fn contaminated(
         n_channels: numbers.len(),
         n_effective: mixture.healthy_share() * statistics.len() as f64,
         tail_shape: mixture.tail(),
-        widened: Some(widening.exp()),
+        widened: Some(widening.exp().max(value / of_many)),
         ..Threshold::default()
     })
 }
@@ -274,6 +280,24 @@ mod tests {
             squares.iter().filter(|s| **s > threshold.value).count() as f64 / squares.len() as f64
         };
         (0..60).map(of_head).sum::<f64>() / 60.0
+    }
+
+    #[test]
+    fn a_faulty_one_of_few_channels_is_found_or_the_threshold_says_that_it_tells_little() {
+        let mut rng = ChaCha8Rng::seed_from_u64(7);
+        for channels in [5, 6, 12, 24] {
+            let places: Vec<f64> =
+                (0..channels).map(|_| square(Healthy::Gaussian, 0.0, &mut rng)).collect();
+            let of: Vec<u32> = (0..60 * channels).map(|i| i % channels).collect();
+            let statistic = |channel: &u32| match *channel == channels - 1 {
+                true => 2800.0,
+                false => places[*channel as usize],
+            };
+            let all: Vec<f64> =
+                of.iter().map(|c| statistic(c) * rng.random_range(0.9..1.1)).collect();
+            let of = contaminated(&all, &of, (Degrees::Three, Spread::Own), STATED, 0.95).unwrap();
+            assert_ne!(of.value < 2500.0, of.is_blind(), "{channels}: {of:?}");
+        }
     }
 
     #[test]

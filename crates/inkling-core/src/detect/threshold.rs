@@ -26,8 +26,10 @@ const MIN_SIGNALS: usize = 20;
 /// the number expected beyond the threshold, and half of all signals at most (this bound wins).
 const MIN_TAIL: usize = 50;
 const MAX_TAIL: usize = 5000;
-/// A window's threshold of more than this many times its estimate hides small faults.
+/// A window's threshold of more than this many times its estimate, or that of many channels, hides small faults.
 const WIDE: f64 = 2.0;
+/// One of more than this many times, ten times as far out, leaves only gross faults to be found.
+const BLIND: f64 = 100.0;
 /// The channels are too few if the upper end of the posterior exceeds its median by this factor.
 const MAX_FACTOR: f64 = 1e3;
 
@@ -61,7 +63,8 @@ pub struct Threshold {
     /// Shape xi of the tail (posterior mean), above 0 heavier than exponential; with method `window` 1
     /// / kappa (`mixture.rs`).
     pub tail_shape: f64,
-    /// With method `window`: the factor by which `value` exceeds its estimate.
+    /// With method `window`: the factor by which `value` exceeds its estimate, or the threshold that many channels of
+    /// Gaussian scatter have, whichever is larger.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub widened: Option<f64>,
 }
@@ -75,12 +78,19 @@ impl Threshold {
         Threshold { value: self.value * factor, ..self.clone() }
     }
 
+    /// Whether only gross faults exceed it, as the window tells too little of healthy signals.
+    pub fn is_blind(&self) -> bool {
+        self.widened.is_some_and(|by| by > BLIND)
+    }
+
     pub fn wide_in_words(&self) -> Option<String> {
-        let widened = self.widened.filter(|by| *by > WIDE)?;
+        let widened = self.widened.filter(|by| *by > WIDE)?.sqrt();
+        let found =
+            if self.is_blind() { "only gross faults are found" } else { "slight faults may pass" };
         Some(format!(
-            "a window of {} signals of {} channels supports the stated rate of false alarms only with a \
-             threshold {widened:.1} times as far out: slight faults may pass; a longer window \
-             (identify.first) or a design says more",
+            "{} signals of {} channels say so little of how far healthy ones scatter that the threshold lies {widened:.1} \
+             times as far out as that of many: {found}; a design (`inkling train`), of other printheads of this kind if \
+             need be, says more",
             self.n_signals, self.n_channels
         ))
     }

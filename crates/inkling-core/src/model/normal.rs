@@ -1,5 +1,7 @@
 //! The normal distribution by published approximations, whose errors stand at each function.
 
+use super::bisection::bisected;
+
 /// Coefficients c_j of ln(erfc(z) e^{z²} / t) = sum c_j t^j with t = 1 / (1 + z/2): the Chebyshev
 /// fit of Numerical Recipes (erfcc).
 const ERFC: [f64; 10] = [
@@ -26,6 +28,16 @@ pub fn upper_tail(x: f64) -> f64 {
 pub fn ln_upper_tail(x: f64) -> f64 {
     let (t, exponent) = half_erfc(x.abs());
     if x >= 0.0 { (t / 2.0).ln() + exponent } else { (-upper_tail(-x)).ln_1p() }
+}
+
+/// Upper quantile of chi-squared with three degrees of freedom: 2 Q(sqrt x) + sqrt(2 x / pi)
+/// e^(-x/2) with the upper tail Q of the normal distribution is `rate` there.
+pub fn chi_squared_3(rate: f64) -> f64 {
+    let beyond = |x: f64| {
+        2.0 * upper_tail(x.sqrt()) + (2.0 * x / std::f64::consts::PI).sqrt() * (-x / 2.0).exp()
+    };
+    let [_, high] = bisected(0.0, 200.0, 60, |x| beyond(x) > rate);
+    high
 }
 
 /// erfc(x / sqrt 2) of an x that is not negative, as (t, exponent): it is t e^exponent.
@@ -56,6 +68,13 @@ pub fn draws(seed: u64) -> impl FnMut() -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn chi_squared_agrees_with_tables() {
+        for (rate, x) in [(0.5, 2.366), (0.05, 7.815), (0.01, 11.345), (0.001, 16.266)] {
+            assert!((chi_squared_3(rate) / x - 1.0).abs() < 1e-4, "{rate}");
+        }
+    }
 
     #[test]
     fn upper_tail_agrees_with_tables() {
