@@ -259,7 +259,9 @@ impl SensitivityDetector {
         }
 
         let fit = self.rings.fitter.fit_from(signal, &Features::from(near), true)?;
-        let is_ring = self.unexplained(signal, &fit, drive) <= self.ring_only;
+        // what a ring leaves of a larger signal is larger by as much, so that a louder head is a ring all the same
+        let louder = fit.features.ln_amplitude.exp().max(1.0);
+        let is_ring = self.unexplained(signal, &fit, drive) <= self.ring_only * louder.powi(2);
         is_ring.then(|| fit.features.coordinates())
     }
 
