@@ -69,11 +69,6 @@ pub fn html(report: &Report) -> String {
         body += &tables::over(report, &over, &drawn);
     }
     body += &section("Earlier changes of printheads", &head_changes(&before));
-    body += "<h2>Recordings and printheads</h2>\n";
-    body += &note(
-        "Of each printhead: channels with a fault episode, then the share of flagged signals.",
-    );
-    body += &tables::recordings(report);
     body += &maps;
     let anchored =
         |(place, figure): (&usize, &String)| format!("<div id=\"t{place}\">{figure}</div>");
@@ -82,6 +77,12 @@ pub fn html(report: &Report) -> String {
     body += &section("Faults over time", &trends.concat());
     body += &section("Drift of the healthy ring", &drift.concat());
     body += &false_alarms(&report.false_alarms);
+    // a year of nights has hundreds of rows, and what they rest on is looked for last
+    body += "<h2>Recordings and printheads</h2>\n";
+    body += &note(
+        "Of each printhead: channels with a fault episode, then the share of flagged signals.",
+    );
+    body += &tables::recordings(report);
     body += &explained();
     page("Nozzle report", &body)
 }
