@@ -30,14 +30,6 @@ use super::objection::Objection;
 use super::observations::Observations;
 use super::space::Direction;
 use crate::critique::unmodelled::{Interior, ObservedDecay};
-use inkling_core::model::free_decay::ALL;
-
-/// What a relative change of the damping, of the frequency, and of all rates changes in a
-/// [`Model`]'s parameters where the interior state is not known. The real pole follows the damping,
-/// since the last parameter is relative to it.
-const DAMPING: [f64; ALL] = [1.0, 0.0, 0.0, 0.0, 0.0, 0.0];
-const FREQUENCY: [f64; ALL] = [0.0, 1.0, 0.0, 0.0, 0.0, 0.0];
-const CLOCK: [f64; ALL] = [1.0, 1.0, 0.0, 0.0, 0.0, 0.0];
 
 /// A cause as it enters the model: what it adds is the sum of `directions`, each times its
 /// coefficient.
