@@ -45,9 +45,7 @@ pub fn check(selected: &Selected, artefacts: &Artefacts, setting: Setting) -> Ad
     significant.extend(following_covariates(&tests, &owned_covariates(selected)));
     let mut mentioned = Vec::new();
     for s in &selected.unnamed {
-        let s = judged_again(s, &tests);
-        if s.surprise / growth > without_a_name(CATALOGUE.len() as f64)
-            && !is_relative(&s, selected)
+        if s.surprise / growth > without_a_name(CATALOGUE.len() as f64) && !is_relative(s, selected)
         {
             let what = format!("something like {} ({})", s.id, s.why_not());
             significant.push((what, s.statistic));
@@ -137,16 +135,6 @@ fn owned_covariates(selected: &Selected) -> Vec<(usize, usize)> {
         owned.push((DRIVE, 0));
     }
     owned
-}
-
-/// A candidate that was passed over, tested again beside what a random tone leaves in the mean; the smaller
-/// surprise counts.
-fn judged_again(s: &Scored, tests: &ScoreTests) -> Scored {
-    let again = (!tests.avoid.is_empty()).then(|| tests.score_one(s.id, None)).flatten();
-    match again.filter(|again| again.surprise < s.surprise) {
-        Some(again) => Scored { objection: s.objection, ..again },
-        None => s.clone(),
-    }
 }
 
 /// Whether a candidate is what the model of a named cause leaves: a cause of the same class; or, if the named

@@ -2,7 +2,7 @@
 //! rivals without a name that compete with them. There is no algorithm here.
 //!
 //! The other files read a row by [`CauseId::row`]: `candidates` and `decay` decide by `acts` and `in_decays`
-//! how a cause is tested, `search` and `selection` by `free` and `nests` what it costs and ties with. Names,
+//! how a cause is tested, `selection` by `free` what it costs. Names,
 //! parameters and units are the contract's (`schemas/critique.md`): changing them breaks readers of files.
 
 use super::covariates::{Covariates, IDLE, NEIGHBOURS, POSITION, TEMPERATURE, TIME};
@@ -50,7 +50,6 @@ pub enum CauseId {
     DeafSensor,
     GainSways,
     TimeBaseSways,
-    SweptLine,
     OwnShape,
 }
 
@@ -71,8 +70,6 @@ pub struct Entry {
     /// Number of free parameters beside the coefficients of its shapes; each costs 2 where refitted models
     /// are compared.
     pub free: f64,
-    /// The cause that it contains as a special case, and so is no tie of: it is always as likely.
-    pub nests: Option<CauseId>,
     /// Values of its second number (place of a stop, lag, rate of settling) that are tried, or, in decays,
     /// from which its search begins; a single 0 if it has none.
     pub seconds: &'static [f64],
@@ -134,8 +131,6 @@ pub enum Shape {
     /// equations). `power`: as of [`Motion`].
     Bent(i32),
     Sways,
-    /// An undamped line whose frequency changes with time.
-    SweptLine,
     /// A bump or a step, wherever it fits best.
     Own,
 }
@@ -205,7 +200,6 @@ const MOST: Entry = Entry {
     equation: "",
     acts: Acts::Noise,
     free: 0.0,
-    nests: None,
     seconds: &[0.0],
     class: None,
     split_by: Experiment::RecordMore,
@@ -329,7 +323,7 @@ const fn rival(id: CauseId, words: &'static str, shape: Shape) -> Entry {
 /// What is not in the catalogue, and would wrongly get the name of a cause that resembles it. Where a rival
 /// is clearly likelier, the misfit gets no name, and the reader is told what the misfit is like.
 #[rustfmt::skip]
-pub static RIVALS: [Entry; 13] = [
+pub static RIVALS: [Entry; 12] = [
     rival(CauseId::EvenSpring, "a spring of even order",
         Shape::Motion(Motion { term: Term::EvenStiffness, power: 2, strengths: [0.01, 1.0] })),
     Entry { free: 1.0, seconds: &PLACES, ..rival(CauseId::OneSidedSpring, "a spring that is stiffer on one side",
@@ -346,8 +340,6 @@ pub static RIVALS: [Entry; 13] = [
     rival(CauseId::DeafSensor, "a sensor that is deaf about its zero", Shape::Bent(0)),
     Entry { free: 1.0, ..rival(CauseId::GainSways, "a gain that sways", Shape::Sways) },
     Entry { free: 1.0, ..rival(CauseId::TimeBaseSways, "a time base that sways", Shape::Sways) },
-    Entry { free: 2.0, nests: Some(CauseId::Tone), ..rival(CauseId::SweptLine, "an undamped line whose frequency changes with time",
-        Shape::SweptLine) },
     rival(CauseId::OwnShape, "a shape of its own", Shape::Own),
 ];
 /// The first so many rivals are tried in decays, too.

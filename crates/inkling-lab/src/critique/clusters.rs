@@ -73,9 +73,9 @@ impl Additions {
 
 /// The score's variance is the information, if signals are independent.
 #[derive(Clone, Copy, Default)]
-struct ScoreSum {
-    score: f64,
-    information: f64,
+pub struct ScoreSum {
+    pub score: f64,
+    pub information: f64,
 }
 
 impl ScoreSum {
@@ -84,16 +84,21 @@ impl ScoreSum {
         self.information += share * other.information;
     }
 
-    fn statistic(&self, present: bool) -> f64 {
+    pub fn statistic(&self, present: bool) -> f64 {
         let score = if present { self.score + self.information } else { self.score };
         score * score / self.information
     }
 }
 
 #[derive(Clone, Copy, Default)]
-struct Burst {
+pub struct Burst {
     along: ScoreSum,
     across: ScoreSum,
+    /// About a size that this burst has alone: channels' own parameters are held, which it hardly moves.
+    pub alone: ScoreSum,
+    /// Number of signals, and the sum of the statistics of single ones.
+    pub signals: f64,
+    pub statistics: f64,
 }
 
 /// What one signal says of a direction u and of its channel's own parameters. u: what the direction looks
@@ -114,6 +119,13 @@ struct SignalSums {
 impl Clusters<'_> {
     /// `present`: the direction is in the model already, with size 1, so scores are about that size.
     pub fn spread(&self, direction: &Direction, present: bool) -> Spread {
+        let mut bursts = self.bursts(direction);
+        bursts.retain(|burst| burst.along.information > 0.0);
+        spread(&bursts, present)
+    }
+
+    /// What each burst says of a direction, by `Row::burst`; empty where it is not looked at.
+    pub fn bursts(&self, direction: &Direction) -> Vec<Burst> {
         let stride = self.data.len().div_ceil(MOST);
         let mut change = Additions::none(self.data.samples);
         direction.add_to(&mut change, 1.0);
@@ -126,8 +138,7 @@ impl Clusters<'_> {
             let says = |&i: &usize| self.says(i, &change, &mut linear);
             self.add_channel(&of_channel.iter().map(says).collect::<Vec<_>>(), &mut bursts);
         }
-        bursts.retain(|burst| burst.along.information > 0.0);
-        spread(&bursts, present)
+        bursts
     }
 
     /// Adds a channel's signals to their bursts, less what the channel's own parameters may explain. With I
@@ -152,6 +163,11 @@ impl Clusters<'_> {
             burst.along.score -= own.dot(&(signal.score - signal.information * off));
             burst.along.information +=
                 own.dot(&(signal.information * own)) - 2.0 * own.dot(&signal.looks_like);
+            let score = signal.all.score - signal.looks_like.dot(&off);
+            let alone = ScoreSum { score, ..signal.all };
+            burst.alone.add(alone, 1.0);
+            burst.signals += 1.0;
+            burst.statistics += alone.statistic(false);
         }
     }
 

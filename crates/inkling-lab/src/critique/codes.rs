@@ -11,8 +11,8 @@
 //! - coarse step: the probability that some codes are never met, although codes beside them are met often; the
 //!   codes that are met must be those of a `lattice`. Whole counts have the step 1.
 //!
-//! Floating-point samples have codes, too, where few distinct values are met. The work depends on the number
-//! of samples and not on how large they are.
+//! Of fractions of counts only clipping is looked for. The work depends on the number of samples and not on how
+//! large they are.
 
 use super::candidate::Candidate;
 use super::catalogue::CauseId;
@@ -141,21 +141,14 @@ impl Head<'_> {
         (f, Rail { side, level, from: level - side * 3.0 * sd })
     }
 
-    /// Tests whether codes are missing as a coarse step leaves them out. Returns the candidate, whose value is
+    /// Tests whether codes of whole counts are missing as a coarse step leaves them out. Returns the candidate, whose value is
     /// the step, and for the model `[step, first]`, where the step is a whole number of counts.
     fn coarse_step(&self) -> (Candidate, Option<[f64; 2]>) {
         let nothing = Candidate::nothing(CauseId::CoarseLsb);
         let total: u64 = self.met.values().sum();
-        // floating-point values lie on a lattice if few distinct values are met often
-        if !self.integer && self.met.len() as f64 > 0.2 * total as f64 {
-            return (nothing, None);
-        }
         let met = met_often(&self.met, total);
-        if met.len() < 5 {
+        if !self.integer || met.len() < 5 {
             return (nothing, None);
-        }
-        if !self.integer {
-            return (self.coarse_floats(&met), None);
         }
 
         // A code that should be met `often` times is missed with a probability of e^-often (Poisson), so the
@@ -177,19 +170,6 @@ impl Head<'_> {
         let is_whole = met.iter().all(|code| (code - met[0]) % whole as i64 == 0);
         let lattice = is_whole.then_some([whole, (met[0] % whole as i64) as f64]);
         (Candidate::by_chance(CauseId::CoarseLsb, surprise, step, sd), lattice)
-    }
-
-    /// The step of floating-point samples, the mean distance of the codes that are met, is coarse if its
-    /// rounding makes more than half of the noise.
-    fn coarse_floats(&self, met: &[i64]) -> Candidate {
-        let codes = ((met[met.len() - 1] - met[0]) as f64).max(1.0);
-        let value = codes / (met.len() - 1) as f64 * self.unit;
-        let inside: u64 = self.met.range(met[0]..=met[met.len() - 1]).map(|(_, n)| n).sum();
-        // rounding has the variance step²/12; the surprise of 50 only means "certain"
-        let is_coarse = value * value / 12.0 > 0.5 * self.sd * self.sd;
-        let few = (inside as f64) < 0.5 * (codes + 1.0);
-        let surprise = if is_coarse && few { 50.0 } else { 0.0 };
-        Candidate::by_chance(CauseId::CoarseLsb, surprise, value, 1e-3 * value)
     }
 
     /// Number of codes between those that were `met` which should be met more than `THRESHOLD` times, and the sum

@@ -1,9 +1,9 @@
 //! The covariates of signals, standardised: what was recorded beside them.
 //!
 //! In: what was recorded beside each signal ([`Beside`]). Out: [`Covariates`]: per signal its drive relative
-//! to the mean drive, and a row of z = (x - mean) / sd; beside these the constant 1, and the squares of two
-//! of them, z² - 1. A covariate that does not vary, or was not recorded of at least nine tenths of the
-//! signals, is absent, and z is 0 for all signals; a single signal of which it is unknown has z = 0 as well.
+//! to the mean drive, and a row of z = (x - mean) / sd; beside these the constant 1. A covariate that does not
+//! vary, or was not recorded of at least nine tenths of the signals, is absent, and z is 0 for all signals; a
+//! single signal of which it is unknown has z = 0 as well.
 
 use super::tuned::DRIVE_SCAN;
 use inkling_core::burst::Beside;
@@ -18,31 +18,12 @@ pub const POSITION: usize = 3;
 pub const NEIGHBOURS: usize = 4;
 pub const IDLE: usize = 5;
 pub const DRIVE: usize = 6;
-/// Squares of covariates: no candidates of their own, but what a cause leaves that is not quite linear in
-/// them.
-pub const TIME_SQUARED: usize = 7;
-pub const TEMPERATURE_SQUARED: usize = 8;
-pub const COVARIATES: usize = 9;
+pub const COVARIATES: usize = 7;
 
-pub const NAMES: [&str; COVARIATES] = [
-    "one",
-    "time",
-    "temperature",
-    "channel",
-    "neighbours",
-    "idle",
-    "drive",
-    "time squared",
-    "temperature squared",
-];
+pub const NAMES: [&str; COVARIATES] =
+    ["one", "time", "temperature", "channel", "neighbours", "idle", "drive"];
 /// Units for readers; that of `IDLE` is the unit of the time itself.
-pub const UNITS: [&str; COVARIATES] = ["1", "s", "°C", "1", "1", "s", "V", "s²", "°C²"];
-const SQUARES: [(usize, usize); 2] = [(TIME, TIME_SQUARED), (TEMPERATURE, TEMPERATURE_SQUARED)];
-
-pub fn square_of(which: usize) -> Option<usize> {
-    SQUARES.iter().find(|(of, _)| *of == which).map(|(_, square)| *square)
-}
-
+pub const UNITS: [&str; COVARIATES] = ["1", "s", "°C", "1", "1", "s", "V"];
 #[derive(Clone, Debug, Default)]
 pub struct Covariates {
     /// Drive relative to the mean drive; 1 where it was not recorded.
@@ -50,7 +31,7 @@ pub struct Covariates {
     /// Mean drive, V; `None` where too few signals have one.
     pub drive_mean_v: Option<f64>,
     pub z: Vec<[f64; COVARIATES]>,
-    /// Whether a covariate was recorded and varies; false for the squares.
+    /// Whether a covariate was recorded and varies.
     pub present: [bool; COVARIATES],
     /// Mean and standard deviation that were used to standardise, in the covariate's unit.
     pub mean: [f64; COVARIATES],
@@ -141,13 +122,8 @@ impl Covariates {
         };
         new.z.iter_mut().for_each(|z| z[ONE] = 1.0);
         new.present[ONE] = true;
-        for which in ONE + 1..TIME_SQUARED {
+        for which in ONE + 1..COVARIATES {
             new.standardise(which, |i| value(which, &recorded[i], first_ns));
-        }
-        for (which, square) in SQUARES {
-            if new.present[which] {
-                new.z.iter_mut().for_each(|z| z[square] = z[which] * z[which] - 1.0);
-            }
         }
         new
     }

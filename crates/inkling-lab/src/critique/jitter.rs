@@ -9,26 +9,33 @@
 //!    `Excess::statistic`, which must pass the threshold of all causes)
 //! 2. Is their variance along the shift clearly larger than that across the shift, in amplitude? (likelihood
 //!    ratio `Excess::ratio`, which must be a hint). Variances are compared in radians of the ring, or in
-//!    multiples of the single signals' own scatter, whichever asks for more (`healthy_ratio`).
+//!    multiples of single signals' scatter, whichever asks for more (`Contrasts::within`).
 //!
-//! Both are asked of contrasts between bursts, free of channels' means and of covariates (`between.rs`).
+//! Both are asked of the scores of bursts (`clusters.rs`), which are free of what channels' own parameters
+//! explain, and weigh each signal by its scatter and its noise. With the information I of a burst, its score s
+//! has the variance I own + I² common; so s/sqrt(I), a [`Contrast`], has own + I common. What bursts follow of
+//! what was recorded is taken out before, where it is more than chance: each costs a contrast, and few contrasts
+//! tell little of a variance.
 
-use super::between::{Contrasts, Scatter, least};
 use super::candidate::Candidate;
 use super::catalogue::CauseId;
-use super::chance::{HINT, surprise};
-use super::covariates::DRIVE;
+use super::chance::{HINT, ONCE_IN_100, maximum, surprise};
+use super::clusters::{Burst, Clusters};
+use super::covariates::{COVARIATES, DRIVE, ONE};
 use super::matrices::means_of_groups;
-use super::model::{Linear, Model};
+use super::model::Model;
 use super::objection::Objection;
-use super::observations::{Observations, numbered};
+use super::observations::Observations;
+use super::space::Direction;
 use inkling_core::numbers::LITTLE;
-use nalgebra::{DMatrix, DVector, Matrix2, Matrix4, Vector2, Vector4};
-use std::collections::BTreeMap;
+use nalgebra::{DMatrix, Matrix2, SVector};
 
-/// Largest number of signals (about), and of bursts; of more, every second burst or third, .. is looked at.
-const MOST: usize = 4096;
-const MOST_BURSTS: usize = 400;
+/// With fewer contrasts, nothing is told.
+const FEWEST: usize = 8;
+
+/// What is recorded beside a burst: the means of its signals' covariates, with the square of the drive in place of
+/// the constant.
+type Recorded = SVector<f64, COVARIATES>;
 
 /// The candidate's value is the standard deviation of the shift in s. It is `untested` where bursts hold one
 /// channel, signals do not ring, or too few contrasts are left.
@@ -37,10 +44,21 @@ pub fn jitter(model: &Model, data: &Observations) -> Candidate {
     if !data.beside.shared_bursts {
         return lack("bursts of several channels");
     }
-    let Some(mut each) = scattered(model, data) else { return lack("signals that ring") };
-    freed_of_frequency(&mut each);
-    let Some([along, across]) = contrasts(&each) else { return lack("more bursts") };
-    let excess = Excess::of(&along, &across, healthy_ratio(&each));
+    let turn = shift_and_growth(model);
+    let Some(back) = turn.try_inverse() else { return lack("signals that ring") };
+    let recorded = recorded(data);
+    let clusters = Clusters { model, data };
+    let of = |j: usize| {
+        let v = [0.0, 0.0, turn[(0, j)], turn[(1, j)], 0.0, 0.0];
+        let bursts = clusters.bursts(&Direction::covariate(data.samples, ONE, v));
+        Contrasts::of(&bursts, &recorded, data.units)
+    };
+    let (Some(along), Some(across)) = (of(0), of(1)) else { return lack("more bursts") };
+    // healthy bursts are granted the ratio that single signals have
+    let scatter = back * own_scatter(model) * back.transpose();
+    let ratio = along.within(scatter[(0, 0)]) / across.within(scatter[(1, 1)]);
+    let excess = Excess::of(&along, &across, ratio.max(1.0));
+
     // from radians of the ring to s; the error of a root is that of the variance over twice the root
     let to_s = data.length_s() / model.mean[1].exp();
     let sd = excess.along.max(1e-16).sqrt();
@@ -53,115 +71,121 @@ pub fn jitter(model: &Model, data: &Observations) -> Candidate {
     found
 }
 
-/// Derivatives of the amplitudes (a, b) of a damped pair by a shift of the time of acquisition, per radian of
-/// the ring, and by a relative growth. Later by t, the pair is e^{-sigma t} times (a, b) turned by omega t.
-fn polar(a: f64, b: f64, sigma: f64, omega: f64) -> Matrix2<f64> {
-    let r = sigma / omega;
+/// Derivatives of the amplitudes (a, b) of the mean pair by a shift of the time of acquisition, per radian of the
+/// ring, and by a relative growth. Later by t, the pair is e^{-sigma t} times (a, b) turned by omega t.
+fn shift_and_growth(model: &Model) -> Matrix2<f64> {
+    let (a, b) = (model.mean[2], model.mean[3]);
+    let r = (model.mean[0] - model.mean[1]).exp();
     Matrix2::new(b - r * a, a, -(a + r * b), b)
 }
 
-/// Each signal's own shift (rad), gain, ln damping and ln frequency by least squares, relative to its
-/// channel's parameters in the model. `None`: a signal does not ring.
-fn scattered(model: &Model, data: &Observations) -> Option<Vec<Scatter>> {
-    let of_signals = data.len().div_ceil(MOST);
-    let stride = of_signals.max(data.bursts.div_ceil(MOST_BURSTS));
-    let mut linear = Linear::default();
-    let mut each = Vec::new();
-    let mut numbers = BTreeMap::new();
-    for (i, row) in data.rows.iter().enumerate() {
-        if !row.burst.is_multiple_of(stride) {
-            continue;
+/// Covariance of a signal's amplitudes (a, b) from burst to burst, beside what follows its damping and its
+/// frequency: a signal that rings faster arrives at t_a with another phase.
+fn own_scatter(model: &Model) -> Matrix2<f64> {
+    let block = |i, j| model.within.fixed_view::<2, 2>(i, j).into_owned();
+    let rates = block(0, 0).try_inverse().unwrap_or_default();
+    block(2, 2) - block(2, 0) * rates * block(0, 2)
+}
+
+fn recorded(data: &Observations) -> Vec<Recorded> {
+    let of_signal = |(row, z): (&super::observations::Row, &[f64; COVARIATES])| {
+        let mut of = *z;
+        of[ONE] = z[DRIVE] * z[DRIVE];
+        (row.burst, of.into())
+    };
+    means_of_groups(data.bursts, data.rows.iter().zip(&data.beside.z).map(of_signal))
+}
+
+/// One for each burst, of variance `own + weight * common`.
+struct Contrasts {
+    each: Vec<Contrast>,
+    /// Variance of signals within bursts, over that which the model expects of them.
+    own: f64,
+    /// What it expects: the variance of a single signal, its noise included.
+    expected: f64,
+    signals: f64,
+}
+
+struct Contrast {
+    value: f64,
+    /// The burst's information.
+    weight: f64,
+}
+
+impl Contrasts {
+    /// `channels`: number of those whose own parameters were taken out. `None`: too few contrasts are left.
+    fn of(bursts: &[Burst], recorded: &[Recorded], channels: usize) -> Option<Contrasts> {
+        let all = bursts.iter().zip(recorded);
+        let all: Vec<_> = all.filter(|(burst, _)| burst.alone.information > 0.0).collect();
+        let root = |k: usize| all[k].0.alone.information.sqrt();
+        // the constant, what was recorded, and the scores, all weighed by the roots of the information
+        let mut m = DMatrix::from_fn(all.len(), COVARIATES + 2, |k, j| match j {
+            0 => root(k),
+            _ if j <= COVARIATES => root(k) * all[k].1[j - 1],
+            _ => all[k].0.alone.score / root(k),
+        });
+        let scores = m.column(COVARIATES + 1).into_owned();
+        let left = all.len().checked_sub(take_out_what_is_followed(&mut m))?;
+        let signals: f64 = all.iter().map(|(burst, _)| burst.signals).sum();
+        let statistics: f64 = all.iter().map(|(burst, _)| burst.statistics).sum();
+        let information: f64 = all.iter().map(|(burst, _)| burst.alone.information).sum();
+        let free = signals - (all.len() + channels) as f64;
+        if left < FEWEST || free < FEWEST as f64 {
+            return None;
         }
-        model.linearise(i, data, &mut linear);
-        let theta = model.theta(i, data);
-        let turn = polar(theta[2], theta[3], theta[0].exp(), theta[1].exp());
-        let c = &linear.tangent.columns;
-        let columns = DMatrix::from_fn(data.samples, 4, |k, j| match j {
-            0 | 1 => turn[(0, j)] * c[2][k] + turn[(1, j)] * c[3][k],
-            _ => c[j - 2][k],
-        });
-        let inverse = columns.tr_mul(&columns).try_inverse()?;
-        let x = &inverse * columns.tr_mul(&DVector::from_column_slice(&linear.residual));
-        // the fit finds only what the model's own deviation of the signal has missed: add that, turned to
-        // (shift, gain)
-        let own = model.each[i];
-        let taken = turn.try_inverse()? * Vector2::new(own[2], own[3]);
-        // the constant would be of no use there, so its place takes the square of the drive
-        let mut of_beside = data.beside.z[i];
-        of_beside[0] = data.beside.z[i][DRIVE].powi(2);
-        each.push(Scatter {
-            x: Vector4::new(x[0] + taken[0], x[1] + taken[1], x[2] + own[0], x[3] + own[1]),
-            noise: Matrix4::from_fn(|a, b| inverse[(a, b)] * model.noise_var),
-            unit: numbered(&mut numbers, row.unit),
-            burst: row.burst,
-            beside: of_beside,
-        });
+        let own = (statistics - scores.norm_squared()).max(1e-300) / free;
+        let wider = (all.len() as f64 / left as f64).sqrt();
+        let contrast = |(burst, value): (&(&Burst, &Recorded), &f64)| Contrast {
+            value: wider * value,
+            weight: burst.0.alone.information,
+        };
+        let each = all.iter().zip(m.column(COVARIATES + 1).iter()).map(contrast).collect();
+        Some(Contrasts { each, own, expected: signals / information, signals })
     }
-    Some(each)
-}
 
-/// Takes out of all signals' shifts and gains what follows their frequency within channels, by linear
-/// regression: a signal that rings faster arrives at t_a with another phase.
-fn freed_of_frequency(each: &mut [Scatter]) {
-    let centred = centred(each);
-    // Sums of products with the frequency; in `real` the covariance of the errors is subtracted, which would
-    // otherwise look like a regression.
-    let (mut seen, mut real) = (0.0, Vector4::zeros());
-    for (x, one) in centred.iter().zip(each.iter()) {
-        seen += x[3] * x[3];
-        real += x * x[3] - one.noise.column(3);
+    /// Variance that signals have within bursts beyond their noise, but at least its standard error: a smaller one
+    /// cannot be told from none. `scatter`: that of the model, which holds what bursts have in common, too.
+    fn within(&self, scatter: f64) -> f64 {
+        let error = (2.0 / self.signals).sqrt() * self.own * self.expected;
+        (scatter - (1.0 - self.own) * self.expected).max(error)
     }
-    // at least a tenth of the square, so that a frequency that hardly scatters gives no wild slope
-    let var = real[3].max(LITTLE * seen).max(1e-300);
-    let mut turn = Matrix4::identity();
-    turn[(0, 3)] = -real[0] / var;
-    turn[(1, 3)] = -real[1] / var;
-    for one in each {
-        one.x = turn * one.x;
-        one.noise = turn * one.noise * turn.transpose();
+
+    fn deviance(&self, common: f64) -> f64 {
+        let of = |c: &Contrast| {
+            let var = self.own + c.weight * common;
+            var.ln() + c.value * c.value / var
+        };
+        self.each.iter().map(of).sum()
+    }
+
+    fn information(&self, common: f64) -> f64 {
+        let of = |c: &Contrast| 0.5 * (c.weight / (self.own + c.weight * common)).powi(2);
+        self.each.iter().map(of).sum()
     }
 }
 
-fn centred(each: &[Scatter]) -> Vec<Vector4<f64>> {
-    about_their_means(each.iter().map(|one| one.x).collect(), |i| each[i].unit)
-}
-
-fn about_their_means(
-    mut of: Vec<Vector4<f64>>,
-    group: impl Fn(usize) -> usize,
-) -> Vec<Vector4<f64>> {
-    let groups: Vec<usize> = (0..of.len()).map(group).collect();
-    let count = groups.iter().max().map_or(0, |last| last + 1);
-    let means = means_of_groups(count, groups.iter().copied().zip(of.iter().copied()));
-    of.iter_mut().zip(groups).for_each(|(x, group)| *x -= means[group]);
-    of
-}
-
-/// Variance that single signals have beyond the noise in a direction (0: along the shift, 1: in amplitude),
-/// but at least its standard error. `of`: parameters relative to some mean.
-fn beyond_noise(each: &[Scatter], of: &[Vector4<f64>], direction: usize) -> f64 {
-    let n = each.len() as f64;
-    let beyond: Vec<f64> = of
-        .iter()
-        .zip(each)
-        .map(|(x, one)| x[direction].powi(2) - one.noise[(direction, direction)])
-        .collect();
-    let mean = beyond.iter().sum::<f64>() / n;
-    let square = beyond.iter().map(|b| (b - mean).powi(2)).sum::<f64>() / n;
-    mean.max((square / n).sqrt()) // a smaller variance cannot be told from none
-}
-
-/// Ratio of single signals' variances along the shift and across it, about the means of channel and burst; at
-/// least 1. Healthy bursts are granted the same ratio.
-fn healthy_ratio(each: &[Scatter]) -> f64 {
-    let of = about_their_means(centred(each), |i| each[i].burst);
-    (beyond_noise(each, &of, 0) / beyond_noise(each, &of, 1)).max(1.0)
-}
-
-fn contrasts(each: &[Scatter]) -> Option<[Contrasts; 2]> {
-    let centred = centred(each);
-    let of = |direction| Contrasts::of(each, direction, beyond_noise(each, &centred, direction));
-    Some([of(0)?, of(1)?])
+/// Projects the first column, the constant, out of all others, and then one after the other those between it and
+/// the last one that the last one follows by more than chance (forward selection by Student's t). Returns how
+/// many were taken out.
+fn take_out_what_is_followed(m: &mut DMatrix<f64>) -> usize {
+    let last = m.ncols() - 1;
+    let squares: Vec<f64> = m.column_iter().map(|column| column.norm_squared()).collect();
+    let mut next = Some(0);
+    let mut taken = 0;
+    while let Some(column) = next {
+        let unit = m.column(column).normalize();
+        *m -= &unit * unit.tr_mul(m);
+        taken += 1;
+        // of a column that those before have taken nearly all of nothing is told
+        let told = (1..last).filter(|j| m.column(*j).norm_squared() > LITTLE * squares[*j]);
+        let whole = m.column(last).norm_squared();
+        let explained = |j: usize| m.column(j).normalize().dot(&m.column(last)).powi(2);
+        let left = (m.nrows() as f64 - 1.0 - taken as f64).max(1.0);
+        let is_followed = |of: &(usize, f64)| of.1 > ONCE_IN_100.powi(2) * (whole - of.1) / left;
+        let most = told.map(|j| (j, explained(j))).max_by(|p, q| p.1.total_cmp(&q.1));
+        next = most.filter(is_followed).map(|(j, _)| j);
+    }
+    taken
 }
 
 /// The variance of bursts along the shift, compared with none and with that across it.
@@ -176,6 +200,7 @@ struct Excess {
 }
 
 impl Excess {
+    /// `most`: the ratio of both variances that healthy bursts may have.
     fn of(along: &Contrasts, across: &Contrasts, most: f64) -> Excess {
         let best = least(|v| along.deviance(v));
         let best_across = least(|v| across.deviance(v));
@@ -202,15 +227,29 @@ impl Excess {
     }
 }
 
+/// The variance at which a deviance is least: 0, or the best power of e from -30 to 2, refined by golden
+/// section.
+fn least(deviance: impl Fn(f64) -> f64) -> f64 {
+    let at = |ln: f64| deviance(ln.exp());
+    let middle = (-30..=2).map(f64::from).min_by(|p, q| at(*p).total_cmp(&at(*q))).unwrap_or(0.0);
+    let found = maximum(|ln| -at(ln), middle, 1.0).exp();
+    if deviance(0.0) <= deviance(found) { 0.0 } else { found }
+}
+
 #[cfg(test)]
 mod tests {
-    use super::super::chance::THRESHOLD;
-    use super::super::covariates::COVARIATES;
-    use super::super::covariates::{TEMPERATURE, TIME, square_of};
+    use super::super::observations::Sampler;
     use super::*;
+    use inkling_core::burst::Beside;
     use rand::SeedableRng;
     use rand_chacha::ChaCha8Rng;
     use rand_distr::{Distribution, StandardNormal};
+    use std::f64::consts::TAU;
+
+    const PERIOD_S: f64 = 1e-6;
+    const SAMPLES: usize = 96;
+    /// Turns of the ring in a signal.
+    const TURNS: f64 = 6.4;
 
     /// Standard deviations, along the shift (rad) and across it, of single signals and of what bursts have in
     /// common; and the shift of a burst per relative change of the drive.
@@ -221,84 +260,68 @@ mod tests {
         follows: f64,
     }
 
-    /// 24 bursts of 8 of the 16 channels each, with a time, a temperature and a drive each.
-    fn drawn(spread: Spread, seed: u64) -> Vec<Scatter> {
+    /// 24 bursts of 8 of the 16 channels each, with a temperature and a drive each.
+    fn drawn(spread: Spread, seed: u64) -> Observations {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let mut normal = || -> f64 { StandardNormal.sample(&mut rng) };
-        let of_channel: Vec<f64> = (0..16).map(|_| 0.05 * normal()).collect();
-        let mut all = Vec::new();
-        for burst in 0..24_i32 {
+        let lasting: Vec<[f64; 2]> = (0..16).map(|_| [0.0; 2].map(|_| 0.02 * normal())).collect();
+        let mut sampler = Sampler::new(PERIOD_S, usize::MAX);
+        for burst in 0..24_u32 {
             let mut common = spread.common.map(|sd| sd * normal());
             let drive = 0.67 + 0.165 * f64::from(burst % 5);
             common[0] += spread.follows * (drive - 1.0);
-            let mut beside = [0.0; COVARIATES];
-            beside[DRIVE] = drive - 1.0;
-            beside[TIME] = f64::from(burst) / 23.0 - 0.5;
-            beside[TEMPERATURE] = (0.6 * f64::from(burst)).sin();
-            for which in [TIME, TEMPERATURE] {
-                beside[square_of(which).unwrap()] = beside[which] * beside[which];
-            }
-            for slot in 0..8 {
-                let unit = ((burst % 2) * 8 + slot) as usize;
-                let sd = [0.006, 0.005, 0.02, 0.0006].map(|s| s / drive);
-                let mut x = Vector4::new(0.0, 0.0, 0.01 * normal(), 0.002 * normal());
-                for j in 0..2 {
-                    x[j] = of_channel[unit] + common[j] + spread.own[j] * normal();
-                }
-                (0..4).for_each(|j| x[j] += sd[j] * normal());
-                let noise = Matrix4::from_diagonal(&Vector4::from(sd).map(|s| s * s));
-                all.push(Scatter { x, noise, unit, burst: burst as usize, beside });
+            for channel in (0..8).map(|slot| burst % 2 * 8 + slot) {
+                let own = lasting[channel as usize];
+                let [late, larger] = [0, 1].map(|j| own[j] + common[j] + spread.own[j] * normal());
+                let faster = 1.0 + 0.002 * normal();
+                let y = (0..SAMPLES).map(|k| {
+                    let t = k as f64 / SAMPLES as f64;
+                    let ring = (-2.9 * t).exp() * (TAU * TURNS * faster * t + late + 0.4).cos();
+                    100.0 * drive * (1.0 + larger) * ring + 2.0 * normal()
+                });
+                let beside = Beside {
+                    drive_v: 20.0 * drive,
+                    temperature_c: 25.0 + (0.6 * f64::from(burst)).sin(),
+                    ..Beside::alone(channel, i64::from(burst) * 1_000_000)
+                };
+                sampler.offer("p", beside, &y.collect::<Vec<f64>>());
             }
         }
-        all
+        sampler.finish()
     }
 
-    /// The excess along the shift that the test finds in drawn signals.
-    fn excess(spread: Spread, seed: u64) -> Excess {
-        let mut each = drawn(spread, seed);
-        freed_of_frequency(&mut each);
-        let [along, across] = contrasts(&each).unwrap();
-        Excess::of(&along, &across, healthy_ratio(&each))
+    fn tested(spread: Spread, seed: u64) -> Candidate {
+        let data = drawn(spread, seed);
+        jitter(&Model::fitted(&data, 2).unwrap(), &data)
     }
 
-    /// In how many runs a jitter is found.
     fn found_in(spread: Spread, runs: u64) -> usize {
-        let passes = |seed| {
-            let excess = excess(spread, seed);
-            let s = surprise(excess.statistic, 1, 1.0, f64::INFINITY);
-            s > THRESHOLD && excess.beyond_any_direction()
-        };
-        (0..runs).filter(|seed| passes(*seed)).count()
+        (0..runs).filter(|seed| tested(spread, *seed).accepted()).count()
     }
 
     #[test]
     fn a_shift_of_whole_bursts_is_found_and_measured() {
-        let spread = Spread { own: [0.01, 0.01], common: [0.02, 0.0], ..Default::default() };
-        assert!(found_in(spread, 40) >= 38);
-        let sizes: f64 = (0..40).map(|seed| excess(spread, seed).along.sqrt()).sum();
-        assert!((sizes / 40.0 - 0.02).abs() < 0.002, "{}", sizes / 40.0);
-        // bursts shifted by two detection limits
-        let found = found_in(Spread { common: [0.01, 0.0], ..spread }, 40);
-        assert!(found >= 32, "{found} of 40");
+        let spread = Spread { own: [0.01; 2], common: [0.02, 0.0], ..Spread::default() };
+        let all: Vec<Candidate> = (0..8).map(|seed| tested(spread, seed)).collect();
+        assert!(all.iter().all(Candidate::accepted), "{all:?}");
+        let to_rad = TAU * TURNS / (SAMPLES as f64 * PERIOD_S);
+        let size = all.iter().map(|f| f.value * to_rad).sum::<f64>() / 8.0;
+        assert!((size - 0.02).abs() < 0.003, "{size}");
     }
 
-    /// However single signals scatter, and whatever the channels of a burst have in common in all directions,
-    /// no jitter may be found.
+    /// However single signals scatter, and whatever the channels of a burst have in common in all directions, or
+    /// follow, no jitter may be found.
     #[test]
     fn healthy_scatter_is_no_jitter() {
         for own in [[0.01, 0.01], [0.03, 0.001], [0.001, 0.03]] {
             for common in [[0.0, 0.0], [0.0, 0.03], [0.02, 0.02]] {
-                let found = found_in(Spread { own, common, ..Default::default() }, 60);
-                assert!(found <= 2, "{own:?} {common:?}: {found} of 60");
+                let found = found_in(Spread { own, common, ..Spread::default() }, 6);
+                assert!(found <= 1, "{own:?} {common:?}: {found} of 6");
             }
         }
-    }
-
-    #[test]
-    fn what_bursts_follow_is_no_jitter() {
-        for follows in [0.02, 0.04, 0.1] {
-            let found = found_in(Spread { own: [0.01; 2], common: [0.0; 2], follows }, 60);
-            assert!(found <= 1, "{follows}: {found} of 60");
+        for follows in [0.02, 0.1] {
+            let found = found_in(Spread { own: [0.01; 2], follows, ..Spread::default() }, 8);
+            assert!(found <= 1, "{follows}: {found} of 8");
         }
     }
 }

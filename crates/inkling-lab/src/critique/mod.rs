@@ -6,7 +6,7 @@
 //! 1. `engine` runs everything for ink channels; [`decay`] does so for few long decays of an oscillator.
 //! 2. `outliers` leaves odd signals out. The baseline, a mixed-effects model ([`model`], `settle`, `start`, `scatter`,
 //!    `matrices`), is fitted to single signals, never to an average alone.
-//! 3. `codes` (with `lattice`), `ensemble` (with `autoregression`) and, later, `jitter` (with `between`) test converters, noise and trigger
+//! 3. `codes` (with `lattice`), `ensemble` (with `autoregression`) and, later, `jitter` (with `clusters`) test converters, noise and trigger
 //!    (`artefacts`).
 //! 4. All causes that move the expected signal ([`catalogue`]) are tested at once, as directions in one space of
 //!    linear extensions (`space`, `contributions`, `curvature`, `nuisance`, `candidates`, `clusters`). Those
@@ -24,7 +24,6 @@
 mod adequacy;
 mod artefacts;
 mod autoregression;
-mod between;
 mod candidate;
 mod candidates;
 pub mod catalogue;

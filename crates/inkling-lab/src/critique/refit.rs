@@ -11,13 +11,12 @@
 
 use super::candidates::{Applied, ScoreTests, Scored, Setting};
 use super::catalogue::{Acts, CauseId};
-use super::covariates::{DRIVE, square_of};
+use super::covariates::DRIVE;
 use super::matrices::means_of_groups;
 use super::model::{Additions, Model};
 use super::nuisance::{Both, Nuisance};
 use super::space::{Direction, Space};
 use inkling_core::model::free_decay::{ALL, Theta};
-use std::collections::BTreeSet;
 
 /// Largest number of rounds: of a rival, whose scatter is held, and of the model itself.
 const ROUNDS_OF_RIVAL: usize = 5;
@@ -70,12 +69,11 @@ impl Both<Space> {
         self.nuisances_beside(causes, causes)
     }
 
-    /// The nuisances with `causes`, and the errors of `all` causes: squares of covariates in both spaces, and
-    /// in that of covariates also the drive beside a cause that acts through the amplitude.
+    /// The nuisances with `causes`; in the space of covariates also the drive, if one of `all` causes acts through
+    /// the amplitude.
     fn nuisances_beside(&self, causes: &[Applied], all: &[Applied]) -> Both<Nuisance<'_>> {
         let mut directions: Vec<Direction> =
             causes.iter().flat_map(|c| c.directions.iter().cloned()).collect();
-        directions.extend(squares(all, self.covariates.samples));
         let shapes = Nuisance::new(&self.shapes, &directions);
         directions.extend(amplitude(all, self.covariates.samples));
         Both { shapes, covariates: Nuisance::new(&self.covariates, &directions) }
@@ -113,14 +111,6 @@ impl Refit {
     pub fn deviance(&self, of: CauseId) -> f64 {
         self.spaces.of(of).deviance - self.spaces.nuisances(&self.causes).of(of).gain()
     }
-}
-
-/// The squares of followed covariates on every parameter: no cause is quite linear in its covariate.
-fn squares(causes: &[Applied], samples: usize) -> Vec<Direction> {
-    let followed: BTreeSet<usize> =
-        causes.iter().filter_map(|cause| square_of(cause.id.follows()?)).collect();
-    let each = |which| (0..ALL).map(move |j| Direction::parameter(samples, which, j));
-    followed.into_iter().flat_map(each).collect()
 }
 
 /// The drive on every parameter, beside causes that act through the amplitude: these move every parameter

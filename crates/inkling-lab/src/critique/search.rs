@@ -101,9 +101,7 @@ impl<Model, Form> Round<Model, Form> {
     fn won(mut self, winner: usize, ln_samples: f64) -> (Model, Chosen<Form>) {
         let Contender { candidate, model, penalised, .. } = self.contenders.remove(winner);
         let is_close = |r: &&Contender<Model, Form>| r.penalised - penalised < TIE;
-        // a rival that contains the winner as a special case is no tie: it explains at least as much
-        let nests = |r: &&Contender<Model, Form>| r.candidate.id.row().nests == Some(candidate.id);
-        let close = self.contenders.iter().filter(is_close).filter(|r| !nests(r));
+        let close = self.contenders.iter().filter(is_close);
         let (tied_with, tied_unnamed) = close.map(|r| r.candidate.id).partition(|id| id.has_name());
         let delta_bic = candidate.delta_bic(ln_samples);
         (model, Chosen { candidate, delta_bic, tied_with, tied_unnamed })

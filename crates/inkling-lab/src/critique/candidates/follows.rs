@@ -10,26 +10,32 @@
 //! The test is that of the direction v in the space where channels are scattered. What is special
 //! here:
 //!
-//! - v of a change of losses or stiffness follows from the channel's equations, thesis (2-2), by
-//!   numerical differentiation with the state at t_a held (`grown_rates`);
-//! - that state may follow the covariate as well, in an unknown way, so the amplitudes are left
-//!   free in addition (`covariate_free`);
+//! - the state at t_a may follow the covariate as well, in an unknown way, so the amplitudes are left
+//!   free in addition (`on_rates`);
 //! - channels are few, so a trend along them is judged by Student's t (`against_rest`).
 
-use super::{Applied, CLOCK, DAMPING, FREQUENCY, ScoreTests, Scored};
+use super::{Applied, ScoreTests, Scored};
 use crate::critique::catalogue::{CauseId, Per, Rates};
 use crate::critique::chance::{HINT, ONCE_IN_100, surprise};
 use crate::critique::covariates::{COVARIATES, Covariates, POSITION};
 use crate::critique::objection::Objection;
 use crate::critique::space::Direction;
-use crate::critique::unmodelled::Interior;
-use inkling_core::model::InkChannel;
 use inkling_core::model::free_decay::ALL;
+use inkling_core::model::student::student_quantile;
 use nalgebra::{Complex, DVector};
-use std::f64::consts::TAU;
 
-/// Ways in which a covariate is tested on damping or frequency (`covariate_free`).
-const WAYS: f64 = 3.0;
+/// Ways in which a covariate is tested on damping or frequency (`on_rates`).
+const WAYS: f64 = 2.0;
+
+/// Change of theta per relative change of the damping, of the frequency, or of all rates. The real pole follows
+/// the damping, since the last parameter is relative to it.
+fn direction(rates: Rates) -> [f64; ALL] {
+    match rates {
+        Rates::Damping => [1.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+        Rates::Stiffness => [0.0, 1.0, 0.0, 0.0, 0.0, 0.0],
+        Rates::All => [1.0, 1.0, 0.0, 0.0, 0.0, 0.0],
+    }
+}
 
 /// Test of one parameter against one covariate, by their indices: of `covariates.rs`; and of theta without
 /// the real pole's rate, with the pair's amplitude and phase in place of its cosine and sine.
@@ -51,12 +57,13 @@ impl ScoreTests<'_> {
         which: Rates,
         per: Per,
     ) -> Option<Scored> {
-        let v = self.rates_direction(which);
+        let Covariates { sd, span, .. } = &self.data.beside;
         match per {
-            Per::Unit => {
-                self.covariate_free(id, covariate, v, 1.0 / self.data.beside.sd[covariate])
+            Per::Unit => self.on_rates(id, covariate, which, 1.0 / sd[covariate]),
+            Per::Span => {
+                let span = span[covariate] / sd[covariate];
+                self.on_rates(id, covariate, which, span).map(relative)
             }
-            Per::Span => self.covariate_free(id, covariate, v, self.over(covariate)).map(relative),
         }
     }
 
@@ -102,55 +109,30 @@ impl ScoreTests<'_> {
         })
     }
 
-    /// A covariate's span in standard deviations.
-    fn over(&self, which: usize) -> f64 {
-        self.data.beside.span[which] / self.data.beside.sd[which]
-    }
-
-    /// Tests a covariate on the combination `v` of parameters. `unit` turns the coefficient, which
-    /// is per standard deviation of the covariate, into the catalogue's unit. `None`: the covariate
-    /// was not recorded or does not vary, or the nuisance holds the direction already.
-    fn covariate(&self, id: CauseId, which: usize, v: [f64; ALL], unit: f64) -> Option<Scored> {
+    /// The acquisition state may follow the covariate, too, as far as what came before t_a lets it. So the
+    /// candidate is tested with the amplitudes of the decay unmoved, and with the amplitudes free. The more
+    /// significant way counts, with its own degrees of freedom and at the price of two tries. The size is always
+    /// estimated with the amplitudes free, and must be 2.576 standard errors from 0. `unit` turns the coefficient,
+    /// which is per standard deviation of the covariate, into the catalogue's unit. `None`: the covariate was not
+    /// recorded or does not vary, or the nuisance holds the direction already.
+    fn on_rates(&self, id: CauseId, which: usize, rates: Rates, unit: f64) -> Option<Scored> {
         if !self.data.beside.present[which] {
             return None;
         }
-        let direction = Direction::covariate(self.samples, which, v);
-        let tested = self.nuisances.covariates.test(std::slice::from_ref(&direction))?;
+        let plain = direction(rates);
+        let alone = vec![Direction::covariate(self.samples, which, plain)];
+        let tested = self.nuisances.covariates.test(&alone)?;
         let statistic = self.against_rest(which, tested.statistic);
-        // the scatter that the test is made against still contains the effect itself, so the
-        // interval would be too wide: shrink it as much as `against_rest` raises the statistic
-        let narrower = (tested.statistic / statistic.max(1e-12)).sqrt().min(1.0);
-        let sd = tested.covariance[(0, 0)].sqrt() * unit * narrower;
-        let value = tested.coefficients[0] * unit;
-        let form = Applied::rigid(id, vec![direction], tested.coefficients);
-        let surprise = surprise(statistic, 1, 1.0, self.dof(which == POSITION));
-        Some(Scored { surprise, value, sd, ..Scored::plain(id, statistic, form) })
-    }
-
-    /// The acquisition state may follow the covariate, too, as far as what came before t_a lets it.
-    /// So the candidate is tested with the amplitudes of the decay unmoved, with the state of the
-    /// interior unmoved, and with the amplitudes free. The most significant way counts, with its
-    /// own degrees of freedom and at the price of three tries. The size is always estimated with
-    /// the amplitudes free, and must be 2.576 standard errors from 0. `interior`: how theta moves
-    /// if the interior's state does not.
-    fn covariate_free(
-        &self,
-        id: CauseId,
-        which: usize,
-        interior: [f64; ALL],
-        unit: f64,
-    ) -> Option<Scored> {
-        // rates alone, amplitudes unmoved; the frequency is among them, since losses move the frequency, too
-        let plain = [interior[0], interior[1], 0.0, 0.0, 0.0, interior[5]];
-        let mut best = self.covariate(id, which, plain, unit)?;
-        if let Some(other) = self.covariate(id, which, interior, unit)
-            && other.statistic > best.statistic
-        {
-            best = other;
-        }
         let dof = self.dof(which == POSITION);
-        best.tried = WAYS;
-        best.surprise = surprise(best.statistic, best.degrees, WAYS, dof);
+        let (value, sd) = (tested.coefficients[0] * unit, tested.covariance[(0, 0)].sqrt() * unit);
+        let form = Applied::rigid(id, alone, tested.coefficients);
+        let mut best = Scored {
+            value,
+            sd,
+            tried: WAYS,
+            surprise: surprise(statistic, 1, WAYS, dof),
+            ..Scored::plain(id, statistic, form)
+        };
 
         let amplitude = self.model.amplitude();
         let along = |v| Direction::covariate(self.samples, which, v);
@@ -188,7 +170,8 @@ impl ScoreTests<'_> {
             if best.value.abs() < ONCE_IN_100 * best.sd {
                 best.objection = Some(Objection::StateAlone);
             }
-            best.sd *= from_few(dof);
+            // the scatter was estimated from few channels
+            best.sd *= student_quantile(0.975, dof) / 1.96;
             best.form.coefficients = tested.coefficients;
             best.form.directions = directions;
         }
@@ -207,68 +190,6 @@ impl ScoreTests<'_> {
         let n = (self.data.units as f64 - 1.0).max(1.0);
         let explained = (statistic / n).min(0.999);
         (self.dof(true) * explained / (1.0 - explained)).max(statistic)
-    }
-
-    /// Change of theta where rates grow by a share while the acquisition state of the interior
-    /// stays what it was: per relative change of the damping (all losses grow), of the frequency
-    /// (both stiffnesses grow), or of the share itself (all rates grow; stiffnesses, which are
-    /// squares of rates, by the share twice).
-    fn rates_direction(&self, which: Rates) -> [f64; ALL] {
-        // how often stiffnesses and losses are multiplied by 1 + share; the change without a known interior;
-        // which parameter the result is relative to
-        let (often, plain, per) = match which {
-            Rates::Damping => ([0, 1], DAMPING, Some(0)),
-            Rates::Stiffness => ([1, 0], FREQUENCY, Some(1)),
-            Rates::All => ([2, 1], CLOCK, None),
-        };
-        self.grown_rates(often).map_or(plain, |v| v.map(|x| x / per.map_or(1.0, |j| v[j])))
-    }
-
-    /// Derivative of theta by the share, with the interior state (volume V, flows q_r and q_n)
-    /// held; by central differences. The two arguments are how often the stiffnesses of thesis
-    /// (2-2) (a = 1/(I_r B_t), b = 1/(I_n B_t)) and its losses (g = R_r/I_r, d = R_n/I_n) are
-    /// multiplied by 1 + share. `None`: no ink channel, or the derivative does not exist.
-    ///
-    /// The poles of the changed channel give sigma, omega and lambda. Its amplitudes are those that
-    /// have, at the first sample, the output and the first two derivatives that follow from the
-    /// held state.
-    fn grown_rates(&self, [stiffness, loss]: [usize; 2]) -> Option<[f64; ALL]> {
-        let interior = self.interior?;
-        let Interior { channel, state: [v, q_r, q_n], .. } = interior;
-        let grown = |x: f64, h: f64, often: usize| (0..often).fold(x, |x, _| x * (1.0 + h));
-        let at = |h: f64| -> Option<[f64; ALL]> {
-            let c = InkChannel {
-                a_per_s2: grown(channel.a_per_s2, h, stiffness),
-                b_per_s2: grown(channel.b_per_s2, h, stiffness),
-                g_per_s: grown(channel.g_per_s, h, loss),
-                d_per_s: grown(channel.d_per_s, h, loss),
-            };
-            let p = c.poles()?;
-            let (sigma, omega, lambda) = (p.damping_per_s, p.frequency_hz * TAU, p.lambda_per_s);
-            let [a, b, g, d] = c.rates();
-            // output and its first two derivatives at the first sample, from the state and the changed rates
-            let y = q_r + q_n;
-            let (dr, dn) = (-a * v - g * q_r, -b * v - d * q_n);
-            let dy = dr + dn;
-            let ddy = -(a + b) * y - g * dr - d * dn;
-            let m = nalgebra::Matrix3::new(
-                1.0,
-                0.0,
-                1.0, //
-                -sigma,
-                omega,
-                -lambda, //
-                sigma * sigma - omega * omega,
-                -2.0 * sigma * omega,
-                lambda * lambda,
-            );
-            let x = m.lu().solve(&nalgebra::Vector3::new(y, dy, ddy))?;
-            Some([sigma.ln(), omega.ln(), x[0], x[1], x[2], (lambda / sigma).ln()])
-        };
-        let h = 1e-4;
-        let (up, down) = (at(h)?, at(-h)?);
-        let v: [f64; ALL] = std::array::from_fn(|j| (up[j] - down[j]) / (2.0 * h));
-        v.iter().all(|x| x.is_finite()).then_some(v)
     }
 
     pub fn covariate_scan(&self) -> Vec<ParameterTest> {
@@ -328,28 +249,8 @@ impl ScoreTests<'_> {
     }
 }
 
-/// Factor by which the 95 % interval grows because the scatter was estimated with `dof` degrees of freedom:
-/// Student's quantile over the normal one, to its first term in 1/dof.
-fn from_few(dof: f64) -> f64 {
-    1.0 + (1.96 * 1.96 + 1.0) / (4.0 * dof)
-}
-
 /// Turns a change of a logarithm, from first to last, into a relative change.
 fn relative(scored: Scored) -> Scored {
     let grown = scored.value.exp();
     Scored { value: grown - 1.0, sd: scored.sd * grown, ..scored }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn intervals_from_few_are_as_wide_as_students() {
-        // the quantiles of Student's t at 97.5 %
-        for (dof, quantile) in [(9.0, 2.262), (20.0, 2.086), (100.0, 1.984)] {
-            let own = 1.96 * from_few(dof);
-            assert!((own / quantile - 1.0).abs() < 0.02, "{dof}: {own}");
-        }
-    }
 }

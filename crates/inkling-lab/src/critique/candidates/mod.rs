@@ -29,16 +29,7 @@ use super::nuisance::{Both, Nuisance, Tested};
 use super::objection::Objection;
 use super::observations::Observations;
 use super::space::Direction;
-use crate::critique::tuned::TIE;
 use crate::critique::unmodelled::{Interior, ObservedDecay};
-use inkling_core::model::free_decay::ALL;
-
-/// What a relative change of the damping, of the frequency, and of all rates changes in a
-/// [`Model`]'s parameters where the interior state is not known. The real pole follows the damping,
-/// since the last parameter is relative to it.
-const DAMPING: [f64; ALL] = [1.0, 0.0, 0.0, 0.0, 0.0, 0.0];
-const FREQUENCY: [f64; ALL] = [0.0, 1.0, 0.0, 0.0, 0.0, 0.0];
-const CLOCK: [f64; ALL] = [1.0, 1.0, 0.0, 0.0, 0.0, 0.0];
 
 /// A cause as it enters the model: what it adds is the sum of `directions`, each times its
 /// coefficient.
@@ -49,7 +40,7 @@ pub struct Applied {
     /// (rad) behind the own ring; 0 if none.
     pub shape: f64,
     /// A second one: the damping of a line, per signal length; of a meniscus, its damping over the
-    /// predicted one; the second number of a rival; the sweep rate of a line. 0 if none.
+    /// predicted one; the second number of a rival. 0 if none.
     pub damping: f64,
     pub coefficients: Vec<f64>,
     pub directions: Vec<Direction>,
@@ -117,9 +108,7 @@ impl<'a> ScoreTests<'a> {
         };
         let all = CATALOGUE.iter().chain(&RIVALS);
         let testable = all.filter(|e| e.needs == Needs::DriveScan || !lacks(e));
-        let mut all: Vec<Scored> = testable.filter_map(scored).collect();
-        withhold_lines(&mut all);
-        all
+        testable.filter_map(scored).collect()
     }
 
     /// `near`: the form that the cause has in the model, near which its shape is searched; without it all
@@ -173,7 +162,6 @@ impl<'a> ScoreTests<'a> {
                 self.best_of(id, near, |second| self.bent(id, power, second, near))
             }
             Shape::Sways => self.sways(id, near),
-            Shape::SweptLine => self.swept_line(id, near),
             Shape::Own => self.own_shape(id, near),
         }
     }
@@ -212,40 +200,5 @@ impl<'a> ScoreTests<'a> {
             tried,
             ..Scored::plain(id, tested.statistic, Applied { shape, ..rigid })
         }
-    }
-}
-
-/// A tone is steady and a second mode scales with the drive, but both are lines. Where one of them
-/// may be the ring itself and explains as much as the other, the other gets the same objection.
-fn withhold_lines(all: &mut [Scored]) {
-    let of = |id| all.iter().position(|s| s.id == id);
-    let (Some(tone), Some(mode)) = (of(CauseId::Tone), of(CauseId::SecondMode)) else { return };
-    for (one, other) in [(tone, mode), (mode, tone)] {
-        let own = all[one].objection == Some(Objection::OwnLine);
-        if own && all[one].statistic > all[other].statistic - TIE {
-            all[other].objection = all[other].objection.or(Some(Objection::OwnLine));
-        }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_line_that_the_ring_explains_as_well_is_no_tone() {
-        let line = |id, statistic: f64, objection| {
-            let form = Applied::rigid(id, vec![], vec![]);
-            Scored { degrees: 2, objection, ..Scored::plain(id, statistic, form) }
-        };
-        let named = |mode: f64, objection| {
-            let tone = line(CauseId::Tone, 36.0, None);
-            let mut all = [tone, line(CauseId::SecondMode, mode, objection)];
-            withhold_lines(&mut all);
-            all[0].able()
-        };
-        assert!(!named(38.0, Some(Objection::OwnLine)));
-        assert!(named(28.0, Some(Objection::OwnLine)));
-        assert!(named(46.0, None), "they compete");
     }
 }

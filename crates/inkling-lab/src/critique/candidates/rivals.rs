@@ -3,8 +3,7 @@
 //! it adds to the mean ring:
 //!
 //! - `bent`: the ring seen through a curve, or with rates that follow time; the strength e is searched;
-//! - `sways`: the ring, or its slope, times a cosine and a sine of a slow frequency, which is searched;
-//! - `swept_line`: a cosine and a sine whose frequency changes linearly; frequency and rate are searched.
+//! - `sways`: the ring, or its slope, times a cosine and a sine of a slow frequency, which is searched.
 //!
 //! In: a [`ScoreTests`]. Out: [`Scored`]. Time is in signal lengths, frequencies in rad per signal length.
 //! `searched`, the search for the parameter of a family, also serves `shapes` and `lines`.
@@ -20,9 +19,6 @@ use std::f64::consts::{PI, TAU};
 const STRENGTHS: [f64; 2] = [0.01, 1.0];
 /// Distance of the frequencies that are tried.
 const STEP: f64 = 0.5 * PI;
-/// Number and distance (rad per square signal length) of the sweep rates that are tried in each direction.
-const SWEEPS: i32 = 6;
-const SWEEP: f64 = 4.0 * PI;
 
 /// The mean ring at unit drive, counts: its damped pair, the pair's derivative by its phase, the real pole's
 /// part, and the pair's envelope.
@@ -156,46 +152,6 @@ impl ScoreTests<'_> {
         let near = near.map(|near| near.shape);
         let scored = self.searched(id, n, near, (grid, STEP, [low, high]), shapes)?;
         Some(Scored { value: self.hz(scored.value), ..scored })
-    }
-
-    /// Tests an undamped line that does not scale with the drive and whose frequency changes linearly. The
-    /// value is the frequency in the middle of the signal, Hz; no standard error is estimated. The sweep rate
-    /// is kept as the form's `damping`.
-    pub(super) fn swept_line(&self, id: CauseId, near: Option<&Applied>) -> Option<Scored> {
-        let n = self.samples as f64;
-        let shapes = |omega: f64, sweep: f64| {
-            Direction::waves(0, self.samples, |k| {
-                let t = k as f64 / n - 0.5;
-                (1.0, omega * t + 0.5 * sweep * t * t)
-            })
-        };
-        let statistic =
-            |omega: f64, sweep: f64| self.nuisances.shapes.statistic(&shapes(omega, sweep));
-        let own =
-            |omega: f64, sweep: f64| (omega - self.decay.omega).abs() < TAU + 0.5 * sweep.abs();
-        let (low, high) = (LEAST_PERIODS * TAU, 0.97 * PI * n);
-        let mut best = match near {
-            Some(near) => (near.shape, near.damping),
-            None => {
-                let count = ((high - low) / STEP) as usize;
-                let sweeps =
-                    (1..=SWEEPS).flat_map(|k| [-1.0, 1.0].map(|sign| sign * SWEEP * f64::from(k)));
-                let all = sweeps.flat_map(|w| (0..count).map(move |k| (low + STEP * k as f64, w)));
-                let apart = all.filter(|(omega, sweep)| !own(*omega, *sweep));
-                let largest = apart.map(|(omega, w)| (statistic(omega, w), (omega, w)));
-                largest.max_by(|p, q| p.0.total_cmp(&q.0))?.1
-            }
-        };
-        for _ in 0..2 {
-            best.0 = maximum(|omega| statistic(omega, best.1), best.0, STEP);
-            best.1 = maximum(|sweep| statistic(best.0, sweep), best.1, 0.5 * SWEEP);
-        }
-        let (omega, sweep) = best;
-        let directions = shapes(omega, sweep);
-        let tested = self.nuisances.shapes.test(&directions)?;
-        let mut scored = self.shaped(id, tested, directions, omega, n * f64::from(SWEEPS));
-        (scored.value, scored.sd, scored.form.damping) = (self.hz(omega), 0.0, sweep);
-        Some(scored)
     }
 
     /// Finds the parameter of a family that makes the likeliest shapes: the best of a grid, or where it was
