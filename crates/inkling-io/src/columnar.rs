@@ -13,11 +13,12 @@ use super::file_error::FileError;
 use super::mcap_records::MAGIC;
 use super::parquet_file::{self, ParquetFile};
 use super::table_file::{
-    ChosenColumns, Columns, Decay, MOST_CELLS, Rows, Table, choose_columns, unread,
+    ChosenColumns, Columns, Decay, MOST_CELLS, Moment, Rows, Table, choose_columns, unread,
 };
 use super::unpanicked::unpanicked;
 use super::{Limits, printable, regular_file, result_file, time_column, unread_file};
 use arrow_array::cast::AsArray;
+use arrow_array::types::{Decimal128Type, Int64Type};
 use arrow_array::{Array, ArrayRef, RecordBatchReader as _};
 use arrow_schema::{DataType, TimeUnit};
 use parquet::arrow::arrow_reader::{ArrowReaderOptions, ParquetRecordBatchReader};
@@ -68,8 +69,14 @@ fn read_batches(path: &Path, columns: &Columns) -> Result<Table, FileError> {
     let batches = open(path)?;
     let schema = batches.schema();
     let names: Vec<String> = schema.fields().iter().map(|field| field.name().clone()).collect();
-    let chosen = choose_columns(names, columns).map_err(|what| columns.refused(path, what))?;
+    let mut chosen = choose_columns(names, columns).map_err(|what| columns.refused(path, what))?;
     let type_of = |c: usize| schema.field(c).data_type();
+    // with --period-s a column whose times cannot be read is as good as none
+    let is_text =
+        |c: usize| matches!(type_of(c), DataType::Utf8 | DataType::LargeUtf8 | DataType::Utf8View);
+    if columns.spare_times() && chosen.time.is_some_and(is_text) {
+        chosen.leave_times_out();
+    }
 
     let are_lists = are_lists(path, &chosen, type_of)?;
     // numbers fill `rows`, lists fill `bursts`; the other one stays empty
@@ -85,7 +92,7 @@ fn read_batches(path: &Path, columns: &Columns) -> Result<Table, FileError> {
             let added = match are_lists {
                 false => row.name(chosen.burst, "burst").and_then(|burst| {
                     let printhead = row.name(chosen.printhead, "printhead")?;
-                    rows.add(line, &burst, &printhead, |c| row.number(c))
+                    rows.add(line, &burst, &printhead, |c| row.number(c), |c| row.moment(c))
                 }),
                 true => row.burst(line).and_then(|burst| {
                     // a burst without samples takes room, too
@@ -157,6 +164,15 @@ impl Row<'_> {
             .map_err(|of| format!("values of type {of} are no numbers"))
     }
 
+    /// A cell as a time; whole numbers keep all their digits.
+    fn moment(&self, c: usize) -> Result<Moment, String> {
+        let column = &self.columns[c];
+        match column.as_primitive_opt::<Int64Type>().filter(|of| of.is_valid(self.row)) {
+            Some(of) => Ok(of.value(self.row).into()),
+            None => self.number(c).map(Moment::from),
+        }
+    }
+
     /// The text in a column; empty if no column was chosen.
     fn name(&self, c: Option<usize>, what: &str) -> Result<String, String> {
         let name = c.map_or(Ok(String::new()), |c| text(&self.columns[c], self.row));
@@ -168,10 +184,12 @@ impl Row<'_> {
         let chosen = self.chosen;
         let outputs = channels(chosen.outputs.iter().map(|&c| &self.columns[c]), self.row)?;
         let cell = |c: usize| self.number(c).map_err(|what| chosen.of_column(c, &what));
-        let times = chosen.time.into_iter().map(cell).collect::<Result<_, _>>()?;
+        let time = chosen.time.map(|c| self.moment(c).map_err(|what| chosen.of_column(c, &what)));
         let printhead = self.name(chosen.printhead, "printhead")?;
         let beside = chosen.beside.iter().map(|&c| cell(c)).collect::<Result<_, _>>()?;
-        Ok(Decay { name: String::new(), printhead, line, times, outputs, beside })
+        let mut burst = Decay { printhead, line, outputs, beside, ..Decay::default() };
+        time.transpose()?.into_iter().for_each(|time| burst.push_time(time));
+        Ok(burst)
     }
 }
 
@@ -221,7 +239,25 @@ fn channels<'a>(
 
 fn number(array: &ArrayRef, row: usize) -> Result<f64, String> {
     let of = || printable::cell(&array.data_type().to_string());
-    arrow_cells::number(array, row).ok_or_else(of)
+    match array.data_type() {
+        _ if array.is_null(row) => Ok(f64::NAN),
+        DataType::Dictionary(..) => {
+            let (values, key) = of_dictionary(array, row)?;
+            number(values, key)
+        }
+        DataType::Decimal128(_, scale) => {
+            let digits = array.as_primitive::<Decimal128Type>().value(row) as f64;
+            Ok(digits / 10f64.powi((*scale).into()))
+        }
+        _ => arrow_cells::number(array, row).ok_or_else(of),
+    }
+}
+
+/// Where a cell of a dictionary has its value.
+fn of_dictionary(array: &ArrayRef, row: usize) -> Result<(&ArrayRef, usize), String> {
+    let of = array.as_any_dictionary();
+    let key = arrow_cells::number(of.keys(), row).filter(|&key| key < of.values().len() as f64);
+    Ok((of.values(), key.ok_or("dictionary without that key")? as usize))
 }
 
 /// A cell as a text, empty where it is null. Names are often written as keys into a dictionary (pandas'
@@ -230,12 +266,8 @@ fn text(array: &ArrayRef, row: usize) -> Result<String, String> {
     match array.data_type() {
         _ if array.is_null(row) => Ok(String::new()),
         DataType::Dictionary(..) => {
-            let of = array.as_any_dictionary();
-            let key =
-                arrow_cells::number(of.keys(), row).filter(|&key| key < of.values().len() as f64);
-            key.map_or(Err("dictionary without that key".into()), |key| {
-                text(of.values(), key as usize)
-            })
+            let (values, key) = of_dictionary(array, row)?;
+            text(values, key)
         }
         DataType::Utf8 => Ok(array.as_string::<i32>().value(row).to_owned()),
         DataType::LargeUtf8 => Ok(array.as_string::<i64>().value(row).to_owned()),
@@ -249,9 +281,38 @@ mod tests {
     use super::*;
     use crate::fixtures::place;
     use arrow_array::builder::{Int16Builder, ListBuilder};
-    use arrow_array::{RecordBatch, TimestampSecondArray};
+    use arrow_array::{
+        Decimal128Array, DictionaryArray, Float64Array, Int32Array, RecordBatch,
+        TimestampNanosecondArray, TimestampSecondArray,
+    };
     use parquet::arrow::ArrowWriter;
     use std::sync::Arc;
+
+    fn reread(columns: [(&str, ArrayRef); 2]) -> Table {
+        let batch = RecordBatch::try_from_iter(columns).unwrap();
+        let (_dir, path) = place("t.parquet");
+        let file = std::fs::File::create(&path).unwrap();
+        let mut writer = ArrowWriter::try_new(file, batch.schema(), None).unwrap();
+        writer.write(&batch).unwrap();
+        writer.close().unwrap();
+        read(&path, &Columns::default()).unwrap()
+    }
+
+    #[test]
+    fn times_in_ns_keep_their_digits_and_decimals_and_dictionaries_are_numbers() {
+        let ns = 1_772_536_953_000_000_000;
+        let times: ArrayRef = Arc::new(TimestampNanosecondArray::from(vec![ns + 1, ns + 782]));
+        let decimals = Decimal128Array::from(vec![1_500, -250]).with_precision_and_scale(10, 3);
+        let keys = Int32Array::from(vec![1, 0]);
+        let values = Arc::new(Float64Array::from(vec![-0.25, 1.5]));
+        let dictionary = DictionaryArray::new(keys, values);
+        let outputs: [ArrayRef; 2] = [Arc::new(decimals.unwrap()), Arc::new(dictionary)];
+        for output in outputs {
+            let decay = &reread([("t", times.clone()), ("y", output)]).decays[0];
+            assert_eq!((decay.base, &*decay.times), (ns + 1, &[0.0, 781.0][..]));
+            assert_eq!(decay.outputs, [[1.5, -0.25]]);
+        }
+    }
 
     /// A time column named so, whose type says seconds, and a list of two channels.
     fn two_channels(time: &str) -> Table {
@@ -262,14 +323,7 @@ mod tests {
         }
         lists.append(true);
         let times: ArrayRef = Arc::new(TimestampSecondArray::from(vec![1_767_000_000]));
-        let columns = [(time, times), ("samples", Arc::new(lists.finish()))];
-        let batch = RecordBatch::try_from_iter(columns).unwrap();
-        let (_dir, path) = place("t.parquet");
-        let file = std::fs::File::create(&path).unwrap();
-        let mut writer = ArrowWriter::try_new(file, batch.schema(), None).unwrap();
-        writer.write(&batch).unwrap();
-        writer.close().unwrap();
-        read(&path, &Columns::default()).unwrap()
+        reread([(time, times), ("samples", Arc::new(lists.finish()))])
     }
 
     #[test]

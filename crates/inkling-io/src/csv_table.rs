@@ -10,7 +10,7 @@
 
 use super::file_error::{FileError, line_of};
 use super::table_file::{
-    ChosenColumns, Columns, LONGEST_NAME, Rows, Table, choose_columns, unread,
+    ChosenColumns, Columns, LONGEST_NAME, Moment, Rows, Table, choose_columns, unread,
 };
 use super::table_text::{TextError, TextOptions, TextTable};
 use super::time_column::{TimeUnit, numbers_rows};
@@ -67,19 +67,37 @@ fn read_rows(text: &mut TextTable, path: &Path, columns: &Columns) -> Result<Tab
     if let Some((line, row)) = &ahead[0] {
         let below = ahead[1].as_ref().map(|(_, row)| row);
         if let Some(units) = Units::of(row, below, &chosen, decimal_comma) {
-            unit = units.of_time(row, &chosen, columns).map_err(at(*line))?;
+            unit = match units.of_time(row, &chosen, columns) {
+                Err(_) if columns.spare_times() => {
+                    chosen.leave_times_out();
+                    None
+                }
+                of_time => of_time.map_err(at(*line))?,
+            };
             chosen.outputs.retain(|c| !units.no_outputs.contains(c));
             chosen.left_out.extend(units.no_outputs);
             one_unit(row, &chosen).map_err(at(*line))?;
             ahead[0] = None;
         }
     }
+    let moment = |cell: &str, unit_ns: f64| {
+        let written = Moment::written(&with_point(unquoted(cell), decimal_comma));
+        let date = || time_in(cell).map(|ns| Moment::of_ns(ns, unit_ns));
+        let number = || number_in(cell, decimal_comma).map(Moment::from);
+        written.or_else(date).or_else(number)
+    };
+    // with --period-s a column whose times cannot be read is as good as none
+    if let (true, Some(c), Some((_, row))) =
+        (columns.spare_times(), chosen.time, ahead.iter().flatten().next())
+        && moment(row.get(c).unwrap_or_default(), 1.0).is_none_or(|time| time.rest.is_nan())
+    {
+        chosen.leave_times_out();
+    }
     if unit.is_none() {
         unit = chosen.unit(columns).map_err(refused)?;
     }
 
-    // dates become numbers in the unit of their column, seconds where nothing says one; as f64 these hold
-    // steps of .24 µs
+    // dates become numbers in the unit of their column, seconds where nothing says one
     let date_unit_ns = unit.unwrap_or(TimeUnit::SECONDS).ns;
     let (mut rows, mut grouped) = (Rows::new(&chosen), Grouped::default());
     let mut ahead = ahead.into_iter().flatten();
@@ -94,12 +112,15 @@ fn read_rows(text: &mut TextTable, path: &Path, columns: &Columns) -> Result<Tab
         let text = |c: Option<usize>| c.and_then(|c| row.get(c)).unwrap_or_default();
         let cell = |c: usize| {
             let cell = row.get(c).unwrap_or_default();
-            // only cells in the column of times may be dates
-            let date = || time_in(cell).filter(|_| chosen.time == Some(c));
-            let time = || date().map(|ns| ns as f64 / date_unit_ns);
-            number_in(cell, decimal_comma).or_else(|e| time().ok_or(e))
+            number_in(cell, decimal_comma).ok_or_else(|| no_number(cell, ELSE))
         };
-        rows.add(line, text(chosen.burst), text(chosen.printhead), cell).map_err(at(line))?;
+        // only cells in the column of times may be dates
+        let time = |c: usize| {
+            let cell = row.get(c).unwrap_or_default();
+            let otherwise = "remove the line, if it is no row of samples";
+            moment(cell, date_unit_ns).ok_or_else(|| no_number(cell, otherwise))
+        };
+        rows.add(line, text(chosen.burst), text(chosen.printhead), cell, time).map_err(at(line))?;
     }
     grouped.check().map_err(|(line, what)| at(line)(what))?;
     rows.table(unit).ok_or_else(|| FileError::failed(path, "a header and no rows"))
@@ -181,7 +202,7 @@ impl Units {
     ) -> Option<Units> {
         let is_text = |c: usize| {
             let cell = row.get(c).unwrap_or_default();
-            number_in(cell, decimal_comma).is_err() && time_in(cell).is_none()
+            number_in(cell, decimal_comma).is_none() && time_in(cell).is_none()
         };
         let is_alone = |c: &usize| below.is_some_and(|of| of.get(*c).is_none_or(str::is_empty));
         let (texts, others): (Vec<usize>, Vec<usize>) =
@@ -202,10 +223,20 @@ impl Units {
     ) -> Result<Option<TimeUnit>, String> {
         let Some(time) = chosen.time.filter(|_| columns.unit.is_none()) else { return Ok(None) };
         let cell = row.get(time).unwrap_or_default();
-        if let Ok(Some(unit)) = TimeUnit::in_text(cell) {
-            return Ok(Some(unit));
-        }
         let said = printable::cell(cell);
+        if let Ok(Some(unit)) = TimeUnit::in_text(cell) {
+            let named = TimeUnit::in_name(&chosen.names[time]).ok().flatten();
+            return match named.filter(|named| *named != unit) {
+                Some(named) => {
+                    let [named, unit] = [named, unit].map(|of| of.name);
+                    let what = format!(
+                        "its name says {named}, and {said:?} below it {unit}: --time-unit says which"
+                    );
+                    Err(chosen.of_column(time, &what))
+                }
+                None => Ok(Some(unit)),
+            };
+        }
         let what = match numbers_rows(cell) {
             // what stands in this row alone may be the sample period
             true => format!(
@@ -247,23 +278,36 @@ fn choose(
     columns: &Columns,
     decimal_comma: bool,
 ) -> Result<ChosenColumns, String> {
-    let names: Vec<String> = header
+    let mut names: Vec<String> = header
         .iter()
         .map(|h| unquoted(h.trim_start_matches('\u{feff}').trim()).to_owned())
         .collect();
+    // spreadsheets write separators for columns that were once there; the last one may hold remarks
+    while names.len() > 2 && names[names.len() - 2..].iter().all(String::is_empty) {
+        names.pop();
+    }
     if let Some(name) = names.iter().find(|name| name.len() > LONGEST_NAME) {
         return Err(format!("a column's name is too long: {:?}", printable::cell(name)));
     }
     let numbers =
-        names.iter().filter(|name| number_in(name, decimal_comma).is_ok_and(f64::is_finite));
+        names.iter().filter(|name| number_in(name, decimal_comma).is_some_and(f64::is_finite));
     if numbers.count() == names.len() {
         return Err("the first line holds numbers: it must name the columns".to_owned());
     }
     choose_columns(names, columns)
 }
 
-/// A cell as a number; NaN where it is empty or says that nothing was measured.
-fn number_in(cell: &str, decimal_comma: bool) -> Result<f64, String> {
+/// A number with a point before its decimals, where a comma may stand, and with the minus of a keyboard.
+fn with_point(cell: &str, decimal_comma: bool) -> String {
+    let cell = cell.replace('\u{2212}', "-");
+    match decimal_comma && !cell.contains('.') {
+        true => cell.replacen(',', ".", 1),
+        false => cell,
+    }
+}
+
+/// A cell as a number; NaN where it is empty or says that nothing was measured. `None`: it is neither.
+fn number_in(cell: &str, decimal_comma: bool) -> Option<f64> {
     let cell = unquoted(cell);
     let word = cell.trim_start_matches(['+', '-', '<', '>']).to_lowercase().replace(' ', "");
     let is_missing = MISSING.split(' ').any(|missing| missing == word)
@@ -271,27 +315,30 @@ fn number_in(cell: &str, decimal_comma: bool) -> Result<f64, String> {
         || word.starts_with("1.#")
         || cell.chars().all(|sign| "-*#?".contains(sign));
     if is_missing {
-        return Ok(f64::NAN);
+        return Some(f64::NAN);
     }
-    let parsed = match decimal_comma && cell.contains(',') && !cell.contains('.') {
-        true => cell.replacen(',', ".", 1).parse::<f64>(),
-        false => cell.parse(),
-    };
-    match parsed {
-        Ok(x) => Ok(if x.abs() < NO_VALUE { x } else { f64::NAN }),
-        Err(_) => Err(format!("{:?} is no number: {}", printable::cell(cell), advice(cell))),
-    }
+    let x: f64 = with_point(cell, decimal_comma).parse().ok()?;
+    Some(if x.abs() < NO_VALUE { x } else { f64::NAN })
+}
+
+/// What to do about a cell of samples that is no number, and says nothing more.
+const ELSE: &str = "leave cells empty where nothing was measured, or choose columns by --outputs";
+
+/// Says that a cell is no number, and what to do about it.
+fn no_number(cell: &str, otherwise: &'static str) -> String {
+    let cell = unquoted(cell);
+    format!("{:?} is no number: {}", printable::cell(cell), advice(cell).unwrap_or(otherwise))
 }
 
 /// What to do about a cell that is no number, by what is in it beside digits.
-fn advice(cell: &str) -> &'static str {
+fn advice(cell: &str) -> Option<&'static str> {
     let is_of_number = |c: char| c.is_ascii_digit() || "+-.eE".contains(c);
     let rest = cell.trim_matches(is_of_number).trim();
     let begins_with_digit =
         cell.trim_start_matches(['+', '-']).starts_with(|c: char| c.is_ascii_digit());
     let is_separator = |c: char| is_of_number(c) || c.is_whitespace() || ",'_’".contains(c);
     let has_two = |sign: char| cell.matches(sign).count() >= 2;
-    match begins_with_digit {
+    Some(match begins_with_digit {
         true if [':', '/'].into_iter().any(has_two) => {
             "write times as 2026-11-01T08:00:00.5, or as seconds"
         }
@@ -304,8 +351,8 @@ fn advice(cell: &str) -> &'static str {
         true if !rest.chars().any(|c| c.is_ascii_digit()) => {
             "write the unit into the column's name"
         }
-        _ => "leave cells empty where nothing was measured, or choose columns by --outputs",
-    }
+        _ => return None,
+    })
 }
 
 /// A cell without quotes. The csv crate takes quotes that follow a blank for a part of the cell.
@@ -407,6 +454,14 @@ mod tests {
             ("0,1\n1,2\n", "must name the columns"),
             ("t\n0\n", "no column is left for an output"),
             ("t,y,y\n0,1,2\n", "several columns \"y\""),
+            ("Time1 (us),a,Time2 (us),b\n0,1,0,1\n", "\"Time2 (us)\" looks like the times of"),
+            ("Time (us),y\n(ms),V\n0,1\n", "says microseconds, and \"(ms)\" below it milliseconds"),
+            ("t,y\n0,1\nSum,1\n", "line 3: column \"t\": \"Sum\" is no number: remove the line"),
+            ("t,head,y\n0,K1,1\n", "--printhead head divides"),
+            (
+                "t;y\n0,5;-1.400,00\n1,5;20,00\n2,5;3,00\n3,5;1,00\n",
+                "line 2: column \"y\": \"-1.400,00\"",
+            ),
         ] {
             assert_refused(plain(text), &[says]);
         }
@@ -429,8 +484,67 @@ mod tests {
             for row in second_row {
                 let text = format!("{time},y\n1970-01-01T00:00:01Z,1\n{row},2\n");
                 let (_, decays) = plain(&text).unwrap();
-                assert_eq!(decays[0].times, [second, 1.5 * second], "{time}");
+                let found = [0, 1].map(|k| decays[0].time(k));
+                assert_eq!(found, [Some(second), Some(1.5 * second)], "{time}");
             }
+        }
+    }
+
+    #[test]
+    fn times_keep_their_digits_however_long_ago_they_count_from() {
+        let ns = [0, 781, 1_563, 1_000_000_000];
+        for (time, written) in [
+            ("time_ns", ns.map(|ns| format!("{}", 1_772_536_953_000_000_000_i64 + ns))),
+            (
+                "t",
+                ns.map(|ns| {
+                    format!("{}.{:09}", 1_772_536_953 + ns / 1_000_000_000, ns % 1_000_000_000)
+                }),
+            ),
+            (
+                "t_s",
+                ns.map(|ns| {
+                    format!(
+                        "2026-03-03 11:22:{}.{:09}",
+                        33 + ns / 1_000_000_000,
+                        ns % 1_000_000_000
+                    )
+                }),
+            ),
+        ] {
+            let rows: String = written.iter().map(|time| format!("{time},1\n")).collect();
+            let (_, decays) = plain(&format!("{time},y\n{rows}")).unwrap();
+            let unit = if time == "time_ns" { 1.0 } else { 1e9 };
+            for (t, ns) in decays[0].times.iter().zip(ns) {
+                assert!((t * unit - ns as f64).abs() < 1e-3, "{time}: {t}");
+            }
+            assert_eq!(decays[0].base as f64 * unit, 1_772_536_953e9);
+        }
+    }
+
+    #[test]
+    fn with_a_period_times_say_when_a_burst_began_where_they_can_be_read() {
+        let columns = Columns { rows_are_samples: true, ..Columns::default() };
+        for (text, times, outputs) in [
+            ("elapsed,y\n5,1\n6,2\n", vec![5.0, 6.0], 1),
+            ("Time,y\n08:00:00,1\n08:00:01,2\n", vec![0.0, 1.0], 1),
+            ("Time,y\nSample,V\n0,1\n1,2\n", vec![0.0, 1.0], 1),
+            ("a,b\n5,1\n6,2\n", vec![0.0, 1.0], 2),
+        ] {
+            let (t, decays) = table(text.as_bytes(), &columns).unwrap();
+            assert_eq!((&decays[0].times, t.outputs.len()), (&times, outputs), "{text}");
+        }
+    }
+
+    #[test]
+    fn what_stands_among_the_names_or_signs_is_read_as_it_is_meant() {
+        for text in [
+            "t,y,,\n0,1,,\n1,-2,,\n",
+            "t,y,t0 = -2e-05, tInc = 1,\n0,1,,\n1,-2,,\n",
+            "t,y\n0,1\n1,\u{2212}2\n",
+        ] {
+            let (t, decays) = plain(text).unwrap();
+            assert_eq!((t.outputs, &decays[0].outputs), (vec!["y".into()], &vec![vec![1.0, -2.0]]));
         }
     }
 

@@ -8,13 +8,14 @@
 //! (`fitted_period`); all periods must agree to 1e-3; the median is the common period; then each
 //! time must lie within 3 % of a period from a regular grid (`as_written`). So times written with
 //! few digits (33 and 34 ms for 1/30 s) are regular. With resampling: the period is the usual step
-//! (`median_step`), and each output is interpolated by a natural cubic spline through the samples
-//! that are there (`resampled`). Before either, exports of several acquisitions in one table are cut
+//! (`median_step`), unless steps differ by rounding, and each output is interpolated by a natural cubic
+//! spline through the samples that are there (`resampled`). Before either, exports of several acquisitions in one table are cut
 //! (`segments.rs`).
 
 use super::segments;
 use super::spline::Spline;
 use super::table_file::Decay;
+use super::time_column::has_word_for_time;
 use inkling_core::model::median::median;
 
 /// How far a time may lie from the regular grid, in sample periods.
@@ -24,7 +25,6 @@ const MOST_PERIOD_DIFFERENCE: f64 = 1e-3;
 /// Most samples of one signal that a recording may hold.
 pub const MOST_SAMPLES: usize = 65_536;
 const FEWEST_SAMPLES: usize = 4;
-const BY_ROWS: &str = "--period-s takes rows as samples one after the other, so many seconds apart";
 
 /// Decays on one sample period, and what had to be done for that.
 #[derive(Clone, Debug, Default)]
@@ -52,13 +52,41 @@ impl Sampled {
     }
 }
 
-pub fn sample(decays: Vec<Decay>, time: &str, resample: bool) -> Result<Sampled, String> {
+/// The column of times.
+#[derive(Clone, Copy, Debug)]
+pub struct TimeColumn<'a> {
+    pub name: &'a str,
+    /// The unit of its times, s.
+    pub unit_s: f64,
+}
+
+impl TimeColumn<'_> {
+    /// What to do about times with too few digits: their rows are samples one after the other.
+    fn by_rows(self, decay: &Decay) -> String {
+        let (TimeColumn { name, unit_s }, times) = (self, &decay.times);
+        let last = times.len().saturating_sub(1);
+        let mean = (times[last] - times[0]) / last as f64 * unit_s;
+        let mean = if mean > 0.0 { format!(" {}", rounded(mean)) } else { String::new() };
+        let and = match has_word_for_time(name) {
+            true => String::new(),
+            false => format!(" with --time {name:?}"),
+        };
+        format!(
+            "--period-s{mean}{and} takes rows as samples one after the other, so many seconds apart"
+        )
+    }
+}
+
+pub fn sample(decays: Vec<Decay>, time: TimeColumn, resample: bool) -> Result<Sampled, String> {
     let (decays, segments) = segments::cut(decays);
     decays.iter().try_for_each(|decay| check(decay, time))?;
-    let period = if resample { median_step } else { fitted_period };
-    let periods: Vec<f64> = decays.iter().map(|decay| period(&decay.times)).collect();
+    let period = |decay: &Decay| match resample && !segments::are_rounded(decay) {
+        true => median_step(&decay.times),
+        false => fitted_period(&decay.times),
+    };
+    let periods: Vec<f64> = decays.iter().map(period).collect();
     // A decay that lacks rows is told before periods are compared, since its fitted one is none.
-    let lacking = |decay: &Decay| missing(&decay.times).map(|what| refused(decay, what));
+    let lacking = |decay: &Decay| missing(decay).map(|what| refused(decay, what));
     if !resample && let Some(refusal) = decays.iter().find_map(lacking) {
         return Err(refusal);
     }
@@ -78,17 +106,20 @@ pub fn sample(decays: Vec<Decay>, time: &str, resample: bool) -> Result<Sampled,
     for decay in decays {
         let regular = match resample {
             true => resampled(decay, common, &mut sampled)?,
-            false => as_written(decay, common, &mut sampled)?,
+            false => as_written(decay, common, time, &mut sampled)?,
         };
         sampled.decays.push(regular);
     }
     Ok(sampled)
 }
 
-/// The decays of a table whose rows count as samples one after the other, without times.
+/// The decays of a table whose rows count as samples one after the other; of their times only gaps between
+/// acquisitions count.
 pub fn as_listed(decays: Vec<Decay>) -> Result<Sampled, String> {
+    let (decays, segments) = segments::cut(decays);
     decays.iter().try_for_each(|decay| too_long(decay, decay.times.len()))?;
-    Ok(Sampled { period: 1.0, missing: cells_missing(&decays), decays, ..Sampled::default() })
+    let missing = cells_missing(&decays);
+    Ok(Sampled { period: 1.0, missing, decays, segments, ..Sampled::default() })
 }
 
 fn grid(start: f64, period: f64, samples: usize) -> Vec<f64> {
@@ -104,7 +135,7 @@ fn refused(decay: &Decay, what: String) -> String {
 
 /// Refuses a decay that is too short, whose times do not increase, or whose times are so large that
 /// f64 cannot hold steps of 3 % of a period. `time`: the name of the column of times.
-fn check(decay: &Decay, time: &str) -> Result<(), String> {
+fn check(decay: &Decay, time: TimeColumn) -> Result<(), String> {
     let n = decay.times.len();
     if n < FEWEST_SAMPLES {
         let what = format!("{n} samples; a decay needs {FEWEST_SAMPLES} at least");
@@ -112,19 +143,26 @@ fn check(decay: &Decay, time: &str) -> Result<(), String> {
     }
 
     if let Some(k) = (1..n).find(|&k| decay.times[k] <= decay.times[k - 1]) {
-        let (before, after) = (decay.times[k - 1], decay.times[k]);
+        let [before, after] = [k - 1, k].map(|k| decay.time(k).unwrap_or_default());
+        let name = time.name;
+        if let Some(rows) = segments::rows_of_each(&decay.times) {
+            let what = format!(
+                "each time of {name:?} stands in {rows} rows: keep one row of each time, with a column for each channel"
+            );
+            return Err(refused(decay, what));
+        }
         let again = segments::standing(&decay.times);
         if again > 0 {
             let what = format!(
-                "{time:?} has too few digits: {again} of its {n} times are those of the row before, such as \
-                 {after}; {BY_ROWS}"
+                "{name:?} has too few digits: {again} of its {n} times are those of the row before, such as \
+                 {after}; {}",
+                time.by_rows(decay)
             );
             return Err(refused(decay, what));
         }
         let what = format!(
-            "{:?} does not increase at its row {}: {after} after {before}; sort the rows, or name \
+            "{name:?} does not increase at its row {}: {after} after {before}; sort the rows, or name \
              the column that tells decays apart with --burst (time: --time)",
-            time,
             k + 1
         );
         return Err(refused(decay, what));
@@ -134,10 +172,11 @@ fn check(decay: &Decay, time: &str) -> Result<(), String> {
     let rounding = last * f64::EPSILON;
     if rounding > MOST_OFF_GRID * step {
         let what = format!(
-            "times such as {last} are numbers that hold steps of {} at best, not those of {} between samples: give \
-             --period-s, or times since the decay began",
+            "times such as {last} are numbers that hold steps of {} at best, not those of {} between samples: {}; or \
+             write times since the decay began",
             rounded(rounding),
-            rounded(step)
+            rounded(step),
+            time.by_rows(decay)
         );
         return Err(refused(decay, what));
     }
@@ -152,7 +191,7 @@ fn cells_missing(decays: &[Decay]) -> usize {
 /// The sample period of regular times, in their unit: the slope of the times t_k over their numbers
 /// k by least squares, sum (k - mean k)(t_k - mean t) / sum (k - mean k)^2, so that the rounding of
 /// written times averages out.
-fn fitted_period(times: &[f64]) -> f64 {
+pub(super) fn fitted_period(times: &[f64]) -> f64 {
     let n = times.len() as f64;
     let (mean_k, mean_t) = ((n - 1.0) / 2.0, times.iter().sum::<f64>() / n);
     let (mut kt, mut kk) = (0.0, 0.0);
@@ -186,7 +225,12 @@ fn median_step(times: &[f64]) -> f64 {
 }
 
 /// A decay whose samples stay as they are, moved to the nearest regular grid of this period.
-fn as_written(decay: Decay, period: f64, so_far: &mut Sampled) -> Result<Decay, String> {
+fn as_written(
+    decay: Decay,
+    period: f64,
+    time: TimeColumn,
+    so_far: &mut Sampled,
+) -> Result<Decay, String> {
     let n = decay.times.len();
     // the grid has the same mean as the times, so that no rounding of the first time shifts it
     let centre = decay.times.iter().sum::<f64>() / n as f64;
@@ -205,16 +249,17 @@ fn as_written(decay: Decay, period: f64, so_far: &mut Sampled) -> Result<Decay, 
         let (least, most) =
             steps.fold((f64::INFINITY, 0.0_f64), |(l, m), step| (l.min(step), m.max(step)));
         let (least, most) = (rounded(least), rounded(most));
-        if segments::are_rounded(&decay.times) {
+        if segments::are_rounded(&decay) {
+            let by_rows = time.by_rows(&decay);
             let what =
-                format!("times with too few digits: steps from {least} to {most}; {BY_ROWS}");
+                format!("times with too few digits: steps from {least} to {most}; {by_rows}");
             return Err(refused(&decay, what));
         }
         let what = format!(
             "irregular sampling: steps from {least} to {most}; {uneven} of {n} times lie more than \
              {MOST_OFF_GRID} of a period from a regular grid, furthest {} (its row {}, {:.2} periods \
              off); --resample interpolates to a regular one",
-            decay.times[worst],
+            decay.time(worst).unwrap_or_default(),
             worst + 1,
             off(worst)
         );
@@ -226,14 +271,12 @@ fn as_written(decay: Decay, period: f64, so_far: &mut Sampled) -> Result<Decay, 
 }
 
 /// Says in words where rows are missing, if the times lie on a grid except for missing rows.
-fn missing(times: &[f64]) -> Option<String> {
+fn missing(decay: &Decay) -> Option<String> {
     const MOST_TOLD: usize = 3;
-    if segments::are_rounded(times) {
-        return None;
-    }
+    let times = &decay.times;
     let period = median_step(times);
     let (mut gaps, mut count, mut k) = (Vec::new(), 0, 0.0);
-    for pair in times.windows(2) {
+    for (at, pair) in times.windows(2).enumerate() {
         let steps = ((pair[1] - pair[0]) / period).round();
         k += steps;
         // twice the usual distance, because the period is estimated from the same times (heuristic)
@@ -242,7 +285,7 @@ fn missing(times: &[f64]) -> Option<String> {
         }
         if steps > 1.0 {
             count += steps as usize - 1;
-            gaps.push(pair[0]);
+            gaps.extend(decay.time(at));
         }
     }
     let told: Vec<String> = gaps.iter().take(MOST_TOLD).map(|t| format!("after t = {t}")).collect();
@@ -251,9 +294,17 @@ fn missing(times: &[f64]) -> Option<String> {
         more => format!(" and at {more} more places"),
     };
     let samples = if count == 1 { "sample" } else { "samples" };
-    (count > 0).then(|| {
+    // what lies between acquisitions was not sampled: none of it may be interpolated
+    let are_equal = gaps.len() > 1 && segments::length(times, 1.5).is_some();
+    let advice = match are_equal || count > times.len() {
+        true => {
+            "if acquisitions end there, each needs a table of its own, or a column that --burst names"
+        }
+        false => "--resample interpolates them",
+    };
+    (count > 0 && !segments::are_rounded(decay)).then(|| {
         format!(
-            "{count} {samples} missing {}{more} of times every {}; --resample interpolates them",
+            "{count} {samples} missing {}{more} of times every {}; {advice}",
             told.join(", "),
             rounded(period)
         )
@@ -317,6 +368,8 @@ mod tests {
     use super::*;
     use crate::fixtures::assert_refused;
 
+    const T: TimeColumn = TimeColumn { name: "t", unit_s: 1e-6 };
+
     fn decay(times: Vec<f64>, y: impl Fn(f64) -> f64) -> Decay {
         let outputs = vec![times.iter().map(|t| y(*t)).collect()];
         Decay { line: 2, times, outputs, ..Decay::default() }
@@ -325,7 +378,7 @@ mod tests {
     #[test]
     fn times_rounded_to_milliseconds_are_regular_and_their_period_is_found() {
         let times = (1..400).map(|k| (f64::from(k) / 30.0 * 1e3).round() / 1e3).collect();
-        let sampled = sample(vec![decay(times, f64::sin)], "t", false).unwrap();
+        let sampled = sample(vec![decay(times, f64::sin)], T, false).unwrap();
         assert!((sampled.period * 30.0 - 1.0).abs() < 1e-5, "{}", sampled.period);
         assert!(sampled.most_off_grid < 0.02);
         assert_eq!(sampled.interpolated, 0);
@@ -335,7 +388,7 @@ mod tests {
     fn irregular_sampling_is_refused_and_says_how_much_and_where() {
         let mut times: Vec<f64> = (0..100).map(f64::from).collect();
         times[40] += 0.4;
-        let sampled = sample(vec![decay(times, f64::sin)], "t", false);
+        let sampled = sample(vec![decay(times, f64::sin)], T, false);
         assert_refused(sampled, &["irregular", "1 of 100", "40.4 (its row 41", "--resample"]);
     }
 
@@ -344,7 +397,7 @@ mod tests {
         let times = |gone: &[i32]| -> Vec<f64> {
             (0..2000).filter(|k| !gone.contains(k)).map(|k| f64::from(k) / 100.0).collect()
         };
-        let refused = |decays, texts: &[&str]| assert_refused(sample(decays, "t", false), texts);
+        let refused = |decays, texts: &[&str]| assert_refused(sample(decays, T, false), texts);
         for (gone, texts) in [
             (&[499, 500, 501][..], &["3 samples missing after t = 4.98 of times every 0.01;"][..]),
             (&[7], &["1 sample missing after t = 0.06 "]),
@@ -362,11 +415,43 @@ mod tests {
     }
 
     #[test]
+    fn advice_about_rounded_times_gaps_between_acquisitions_and_rows_of_one_time_leads_to_right_data()
+     {
+        let grid = |k: i32| f64::from(k) * 0.78125;
+        let every = |n: i32, of: &dyn Fn(i32) -> f64| (0..n).map(of).collect::<Vec<f64>>();
+        let by_rows = "; --period-s 0.00000078125 takes rows as samples";
+        for (times, says) in [
+            (every(129, &|k| (grid(k) / 0.5).round() * 0.5), by_rows),
+            (every(128, &|k| 1e6 + grid(k) + f64::from(k / 40) * 1e5), "each needs a table"),
+            (every(384, &|k| grid(k + 2 * (k / 128))), "4 samples missing"),
+            (every(384, &|k| grid(k + 2 * (k / 128))), "each needs a table"),
+            (every(384, &|k| grid(k / 3)), "stands in 3 rows"),
+        ] {
+            let refusal = sample(vec![decay(times, f64::sin)], T, false).unwrap_err();
+            assert!(refusal.contains(says) && !refusal.contains("--resample"), "{says}: {refusal}");
+        }
+        let elapsed = TimeColumn { name: "x", ..T };
+        let coarse = every(100, &|k| (grid(k) / 2.0).floor());
+        assert_refused(sample(vec![decay(coarse, f64::sin)], elapsed, false), &["--time \"x\""]);
+        // resampled, the period is not the commonest step
+        let times = every(129, &|k| (grid(k) / 0.5).round() * 0.5);
+        let sampled = sample(vec![decay(times, f64::sin)], T, true).unwrap();
+        assert!((sampled.period / 0.78125 - 1.0).abs() < 1e-3, "{}", sampled.period);
+    }
+
+    #[test]
+    fn rows_that_are_samples_are_cut_where_acquisitions_begin() {
+        let times = (0..60).map(|k| f64::from(k / 20) * 1e6 + f64::from(k % 20 / 2)).collect();
+        let listed = as_listed(vec![decay(times, f64::sin)]).unwrap();
+        assert_eq!((listed.segments, listed.decays[2].times[0]), (3, 2e6));
+    }
+
+    #[test]
     fn time_that_goes_back_or_stands_still_is_refused_with_its_row() {
         for again in [2.0, 3.0] {
             let times = vec![0.0, 1.0, 2.0, 3.0, again, 5.0];
             for resample in [false, true] {
-                let sampled = sample(vec![decay(times.clone(), f64::sin)], "t", resample);
+                let sampled = sample(vec![decay(times.clone(), f64::sin)], T, resample);
                 assert_refused(sampled, &["row 5", "--burst"]);
             }
         }
@@ -376,7 +461,7 @@ mod tests {
     fn a_spline_through_a_straight_line_is_the_line_and_misses_nothing_missing() {
         let mut decay = decay(vec![0.0, 0.7, 2.0, 3.1, 4.0, 5.2, 6.0], |t| 3.0 - 2.0 * t);
         decay.outputs[0][2] = f64::NAN;
-        let sampled = sample(vec![decay.clone()], "t", true).unwrap();
+        let sampled = sample(vec![decay.clone()], T, true).unwrap();
         assert_eq!(sampled.missing, 1);
         for (k, y) in sampled.decays[0].outputs[0].iter().enumerate() {
             assert!((y - (3.0 - 2.0 * sampled.period * k as f64)).abs() < 1e-9);
@@ -387,8 +472,8 @@ mod tests {
     fn decays_of_different_period_are_refused_and_resampled_to_one() {
         let at = |period: f64| (0..50).map(|k| f64::from(k) * period).collect::<Vec<f64>>();
         let decays = || [1.0, 1.0, 1.5].map(|period| decay(at(period), f64::cos)).to_vec();
-        assert_refused(sample(decays(), "t", false), &["1.5", "--resample"]);
-        let sampled = sample(decays(), "t", true).unwrap();
+        assert_refused(sample(decays(), T, false), &["1.5", "--resample"]);
+        let sampled = sample(decays(), T, true).unwrap();
         let lengths: Vec<usize> = sampled.decays.iter().map(|d| d.outputs[0].len()).collect();
         assert_eq!(lengths, [50, 50, 74]);
     }
@@ -397,11 +482,11 @@ mod tests {
     fn too_few_and_too_many_samples_are_refused() {
         for n in [1, 3, MOST_SAMPLES + 1] {
             let times = (0..n).map(|k| k as f64).collect();
-            let sampled = sample(vec![decay(times, f64::sin)], "t", false);
+            let sampled = sample(vec![decay(times, f64::sin)], T, false);
             assert_refused(sampled, &[&format!("{n} samples")]);
         }
         // one far time would make a grid of 1e12 samples
         let times = vec![0.0, 1.0, 2.0, 3.0, 4.0, 1e12];
-        assert!(sample(vec![decay(times, f64::sin)], "t", true).is_err());
+        assert!(sample(vec![decay(times, f64::sin)], T, true).is_err());
     }
 }

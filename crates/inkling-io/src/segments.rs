@@ -2,9 +2,10 @@
 //! from times that lack rows.
 //!
 //! In: the times of a decay. Out: its segments, as decays of their own ([`cut`]); or whether its times are
-//! rounded ([`standing`], [`are_rounded`]). Instruments that record segments export all of them in one table:
+//! rounded ([`standing`], [`are_rounded`]) or stand in several rows ([`rows_of_each`]). Instruments that record segments export all of them in one table:
 //! the times go on after a gap, or begin again, after equally many samples each time.
 
+use super::sampling::fitted_period;
 use super::table_file::Decay;
 use inkling_core::model::median::median;
 
@@ -22,7 +23,7 @@ pub(super) fn cut(decays: Vec<Decay>) -> (Vec<Decay>, usize) {
     // rows of one decay stand below each other
     let is_alone = decays.len() == 1;
     for decay in decays {
-        let Some(length) = length(&decay.times) else {
+        let Some(length) = length(&decay.times, FEWEST_STEPS) else {
             all.push(decay);
             continue;
         };
@@ -35,6 +36,7 @@ pub(super) fn cut(decays: Vec<Decay>) -> (Vec<Decay>, usize) {
                 printhead: decay.printhead.clone(),
                 line: decay.line + after,
                 times: decay.times[from..to].to_vec(),
+                base: decay.base,
                 outputs: decay.outputs.iter().map(|of| of[from..to].to_vec()).collect(),
                 beside: decay.beside.clone(),
             });
@@ -43,10 +45,13 @@ pub(super) fn cut(decays: Vec<Decay>) -> (Vec<Decay>, usize) {
     (all, segments)
 }
 
-/// The samples of each segment, where the times are those of several; the last one may have fewer.
-fn length(times: &[f64]) -> Option<usize> {
+/// The samples of each segment, where the times are those of several with gaps of so many usual steps between them;
+/// the last one may have fewer.
+pub(super) fn length(times: &[f64], fewest_steps: f64) -> Option<usize> {
     let steps: Vec<f64> = times.windows(2).map(|pair| pair[1] - pair[0]).collect();
-    let far = FEWEST_STEPS * median(&mut steps.clone());
+    // times with few digits stand still for most rows
+    let mut moved: Vec<f64> = steps.iter().copied().filter(|step| *step != 0.0).collect();
+    let far = if moved.is_empty() { 0.0 } else { fewest_steps * median(&mut moved) };
     let begins = |at: usize| steps[at - 1] < 0.0 || steps[at - 1] > far;
     let length = (1..times.len()).find(|at| begins(*at)).filter(|n| *n >= FEWEST_SAMPLES)?;
     let last = times.len() % length;
@@ -62,16 +67,52 @@ pub(super) fn standing(times: &[f64]) -> usize {
     if is_rounded && steps().all(|step| step >= 0.0) { again } else { 0 }
 }
 
-/// Whether steps differ as those of regular times do that were rounded to some digits: by one or two of the
-/// last digit, and no step is an exception.
-pub(super) fn are_rounded(times: &[f64]) -> bool {
-    let Some(digit) = last_digit(times) else { return false };
-    let steps = times.windows(2).map(|pair| ((pair[1] - pair[0]) / digit).round() as i64);
-    let mut steps: Vec<i64> = steps.collect();
-    steps.sort_unstable();
-    let (Some(least), Some(most)) = (steps.first(), steps.last()) else { return false };
-    let is_common = |of: &[i64]| of.len() * COMMON > steps.len();
-    (1..=2).contains(&(most - least)) && steps.chunk_by(|a, b| a == b).all(is_common)
+/// In how many rows each time stands, one below the other, where it is more than one and fewer than there are times:
+/// these are rows of several channels, or copies.
+pub(super) fn rows_of_each(times: &[f64]) -> Option<usize> {
+    let mut runs = times.chunk_by(|a, b| a == b).map(<[f64]>::len);
+    let rows = runs.next().filter(|rows| (2..times.len() / rows).contains(rows))?;
+    runs.all(|of| of == rows).then_some(rows)
+}
+
+/// Whether times are regular but for their rounding: they lie as far from a grid as rounding moves them, and no step
+/// is an exception, as where a row is missing.
+pub(super) fn are_rounded(decay: &Decay) -> bool {
+    let (times, period) = (&decay.times, fitted_period(&decay.times));
+    let off = times.iter().zip(0u32..).map(|(t, k)| t - times[0] - f64::from(k) * period);
+    let off: Vec<f64> = off.collect();
+    let (least, most) =
+        off.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, m), t| (l.min(*t), m.max(*t)));
+    // Rounding moves all times, by .29 of the last digit on the average and by half of it at most; the period is
+    // estimated from the same times, and allows for more (heuristic).
+    let n = off.len() as f64;
+    let mean = off.iter().sum::<f64>() / n;
+    let usual = (off.iter().map(|t| (t - mean).powi(2)).sum::<f64>() / n).sqrt();
+    let fits = |digit: &f64| most - least <= 1.25 * digit && usual >= 0.1 * digit;
+    let is_near = last_digits(decay).iter().flatten().any(fits);
+    let far = times.windows(2).filter(|pair| pair[1] - pair[0] > 1.5 * period).count();
+    is_near && (far == 0 || far * COMMON > times.len())
+}
+
+/// The values of the last digit of the largest time, if they all have few decimals, few digits, or the bits of an
+/// f32 or an f64.
+fn last_digits(decay: &Decay) -> [Option<f64>; 4] {
+    let all = || decay.times.iter().map(|t| decay.base as f64 + t);
+    let most = all().fold(0.0_f64, |most, t| most.max(t.abs()));
+    // what is left of a short number in f32 or f64, and in texts of nine digits
+    let are = |short: &dyn Fn(f64) -> f64| all().all(|t| (short(t) - t).abs() <= 5e-9 * t.abs());
+    let in_digits = |n: i32| {
+        let digits = usize::try_from(n).unwrap_or(0);
+        are(&|t| format!("{t:.digits$e}").parse().unwrap_or(t))
+    };
+    let digit = |n: i32| 10f64.powi(most.log10().floor() as i32 - n);
+    let of_f32 = are(&|t| f64::from(t as f32)).then_some(most * f64::from(f32::EPSILON));
+    [
+        last_digit(&decay.times),
+        (1..6).find(|n| in_digits(*n)).map(digit),
+        of_f32,
+        Some(most * f64::EPSILON),
+    ]
 }
 
 /// The value of the last digit with which times were written. `None`: there are more than f64 holds.
@@ -128,8 +169,21 @@ mod tests {
         for (times, is_rounded) in
             [(rounded(0.014), true), (rounded(0.117), true), (gaps, false), (jitter, false)]
         {
-            assert_eq!(are_rounded(&times), is_rounded, "{:?}", &times[..9]);
+            assert_eq!(are_rounded(&decay(times.clone())), is_rounded, "{:?}", &times[..9]);
             assert_eq!(standing(&times), 0);
+        }
+        // as f32, with three digits, and in seconds since 1970 as f64
+        let short: [fn(f64) -> f64; 3] = [
+            |t| f64::from((5.0 + t) as f32),
+            |t| format!("{t:.2e}").parse().unwrap(),
+            |t| 1_772_536_953.0 + t,
+        ];
+        for of in short {
+            let times: Vec<f64> = (0..128).map(|k| of(f64::from(k) * 7.8125e-7)).collect();
+            let lacking = times.iter().enumerate().filter(|(k, _)| *k != 60).map(|(_, t)| *t);
+            let lacking: Vec<f64> = lacking.collect();
+            assert!(are_rounded(&decay(times)));
+            assert!(!are_rounded(&decay(lacking)));
         }
         assert!(standing(&rounded(0.004)) > 100);
     }

@@ -15,7 +15,7 @@ use super::{Limits, printable};
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;
 use std::io;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Most bytes of a column's name, and of a cell that names a burst or a printhead.
 pub(super) const LONGEST_NAME: usize = 256;
@@ -53,12 +53,17 @@ pub struct Columns {
     pub printhead: Option<String>,
     /// Columns with one value for each decay, such as the temperature.
     pub beside: Vec<String>,
-    /// Whether something else (`--period-s`) says the sample period: then no column is taken for
-    /// times unless `time` names one, whose first value in a decay says when it began.
+    /// Whether something else (`--period-s`) says the sample period: then the first time of a decay says when it
+    /// began, and only a column that is called time is taken for times, unless `time` names one.
     pub rows_are_samples: bool,
 }
 
 impl Columns {
+    /// Whether the table is read as well without the column of times.
+    pub(super) fn spare_times(&self) -> bool {
+        self.rows_are_samples && self.time.is_none()
+    }
+
     /// A wrong choice is the user's mistake if the user named any column, otherwise the table's
     /// fault. A printhead's name does not count, as it need not be a column's.
     pub(super) fn refused(&self, path: &Path, what: String) -> FileError {
@@ -68,6 +73,48 @@ impl Columns {
             true => FileError::mistaken(path, what),
             false => FileError::failed(path, what),
         }
+    }
+}
+
+/// From this size on, whole numbers are taken off times: f64 holds fewer than ten digits behind the point beside them.
+const LARGE_TIME: u64 = 1_000_000;
+
+/// A time, in the unit of its column: a whole number, and what is added to it. One f64 holds times since 1970 only to
+/// 0.2 µs, and exports count in nanoseconds.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Moment {
+    pub whole: i64,
+    pub rest: f64,
+}
+
+impl From<f64> for Moment {
+    fn from(rest: f64) -> Moment {
+        Moment { whole: 0, rest }
+    }
+}
+
+impl From<i64> for Moment {
+    fn from(whole: i64) -> Moment {
+        Moment { whole, rest: 0.0 }
+    }
+}
+
+impl Moment {
+    /// A time in ns as one in units of so many ns.
+    pub fn of_ns(ns: i64, unit_ns: f64) -> Moment {
+        match unit_ns as i64 {
+            0 => (ns as f64 / unit_ns).into(),
+            unit => Moment { whole: ns / unit, rest: (ns % unit) as f64 / unit_ns },
+        }
+    }
+
+    /// A time that is written with a point and without an exponent or a sign. `None`: it is not.
+    pub fn written(text: &str) -> Option<Moment> {
+        let (whole, digits) = text.split_once('.').unwrap_or((text, "0"));
+        let is_digits = |of: &str| !of.is_empty() && of.bytes().all(|c| c.is_ascii_digit());
+        let is_plain = is_digits(whole) && is_digits(digits);
+        let rest = || format!("0.{digits}").parse().ok();
+        Some(Moment { whole: whole.parse().ok().filter(|_| is_plain)?, rest: rest()? })
     }
 }
 
@@ -81,9 +128,11 @@ pub struct Decay {
     /// Where the decay's first row stands: the line of a CSV file, otherwise the number of the row,
     /// from 1 on.
     pub line: u64,
-    /// Times of the samples, in the unit of the column of times; dates in CSV count from 1970. Of a
+    /// Times of the samples, in the unit of the column of times, from `base` on; dates in CSV count from 1970. Of a
     /// row of lists only when it began; without a column of times the numbers of the rows.
     pub times: Vec<f64>,
+    /// What was taken off all times, so that they keep their digits; 0 where they are small.
+    pub base: i64,
     /// The samples of each output; NaN: missing.
     pub outputs: Vec<Vec<f64>>,
     /// Values of the columns of [`Columns::beside`] in the decay's first row; NaN: missing.
@@ -91,6 +140,18 @@ pub struct Decay {
 }
 
 impl Decay {
+    pub(super) fn push_time(&mut self, time: Moment) {
+        if self.times.is_empty() && time.whole.unsigned_abs() >= LARGE_TIME {
+            self.base = time.whole;
+        }
+        self.times.push((i128::from(time.whole) - i128::from(self.base)) as f64 + time.rest);
+    }
+
+    /// One of its times as the table has it, to the digits of an f64.
+    pub fn time(&self, k: usize) -> Option<f64> {
+        self.times.get(k).map(|t| self.base as f64 + t)
+    }
+
     /// The samples as a burst has them, channel after channel: int16 if all of them are, else
     /// float32. `None`: more bytes than a burst may have.
     pub fn samples(&self) -> Option<Samples> {
@@ -98,6 +159,35 @@ impl Decay {
         let all = Gathered::of(all.map(Some))?.samples(Limits::default().samples_bytes);
         (!all.too_many).then_some(all)
     }
+}
+
+/// Puts tables whose names are in the order of letters, as a shell lists them (1, 10, 2), into that of the numbers in
+/// their names. Gives whether it is another order; any order that is not that of letters was meant.
+pub fn in_order_of_numbers(tables: &mut [PathBuf]) -> bool {
+    fn parts(path: &PathBuf) -> Vec<(String, Option<u128>)> {
+        let name = path.to_string_lossy();
+        let mut rest = &*name;
+        let mut parts = Vec::new();
+        while !rest.is_empty() {
+            let begins = rest.find(|c: char| c.is_ascii_digit()).unwrap_or(rest.len());
+            let behind = rest[begins..].find(|c: char| !c.is_ascii_digit());
+            let ends = behind.map_or(rest.len(), |n| begins + n);
+            parts.push((rest[..begins].to_owned(), rest[begins..ends].parse().ok()));
+            rest = &rest[ends..];
+        }
+        parts
+    }
+    // many a shell passes over signs and the case of letters
+    let letters = |path: &PathBuf| -> String {
+        let name = path.to_string_lossy().to_lowercase();
+        name.chars().filter(|c| c.is_alphanumeric()).collect()
+    };
+    let is_of_letters = tables.is_sorted() || tables.is_sorted_by_key(letters);
+    let is_other = is_of_letters && !tables.is_sorted_by_key(parts);
+    if is_other {
+        tables.sort_by_cached_key(parts);
+    }
+    is_other
 }
 
 pub struct Table {
@@ -118,7 +208,7 @@ pub struct Table {
 impl Table {
     /// The first time of the first decay, by whose size the caller may guess the unit.
     pub fn first_time(&self) -> Option<f64> {
-        self.time.as_ref().and(self.decays.first()?.times.first().copied())
+        self.time.as_ref().and(self.decays.first()?.time(0))
     }
 }
 
@@ -136,13 +226,14 @@ impl Rows<'_> {
         Rows { chosen, decays: Vec::new(), by_name: HashMap::new(), cells: 0 }
     }
 
-    /// `line`: see [`Decay::line`]; `cell` gives the number that the row has in a column.
+    /// `line`: see [`Decay::line`]; `cell` gives the number that the row has in a column, `moment` its time there.
     pub fn add(
         &mut self,
         line: u64,
         burst: &str,
         printhead: &str,
         cell: impl Fn(usize) -> Result<f64, String>,
+        moment: impl Fn(usize) -> Result<Moment, String>,
     ) -> Result<(), String> {
         let chosen = self.chosen;
         let cell = |c: usize| cell(c).map_err(|what| chosen.of_column(c, &what));
@@ -169,19 +260,19 @@ impl Rows<'_> {
                 self.cells += 16;
                 let (name, printhead) = (burst.to_owned(), printhead.to_owned());
                 let outputs = vec![Vec::new(); chosen.outputs.len()];
-                decays.push(Decay { name, printhead, line, times: Vec::new(), outputs, beside });
+                decays.push(Decay { name, printhead, line, outputs, beside, ..Decay::default() });
                 *new.insert(decays.len() - 1)
             }
         };
 
         let decay = &mut decays[place];
         let time = match chosen.time {
-            Some(c) => Some(cell(c)?)
-                .filter(|t| t.is_finite())
+            Some(c) => Some(moment(c).map_err(|what| chosen.of_column(c, &what))?)
+                .filter(|time| time.rest.is_finite())
                 .ok_or_else(|| chosen.of_column(c, "a row without a time"))?,
-            None => decay.times.len() as f64,
+            None => (decay.times.len() as f64).into(),
         };
-        decay.times.push(time);
+        decay.push_time(time);
         for (column, &c) in decay.outputs.iter_mut().zip(&chosen.outputs) {
             column.push(cell(c)?);
         }
@@ -202,7 +293,7 @@ pub(super) struct ChosenColumns {
     pub burst: Option<usize>,
     pub printhead: Option<usize>,
     pub beside: Vec<usize>,
-    /// Columns that number the rows or hold remarks.
+    /// Columns that number the rows, hold remarks, or times that are not read.
     pub left_out: Vec<usize>,
 }
 
@@ -233,6 +324,11 @@ impl ChosenColumns {
         let is_there = row.iter().skip(self.names.len()).all(str::is_empty) && row.len() >= needed;
         let what = || format!("{} cells where the header has {}", row.len(), self.names.len());
         is_there.then_some(()).ok_or_else(what)
+    }
+
+    /// Reads the table without its column of times.
+    pub fn leave_times_out(&mut self) {
+        self.left_out.extend(self.time.take());
     }
 
     /// An error about a cell, with the name of its column before it.
@@ -268,7 +364,7 @@ pub(super) fn choose_columns(
 
     let time = match &columns.time {
         Some(name) => Some(place(name)?),
-        None if columns.rows_are_samples => None,
+        None if columns.rows_are_samples => time_called(&names, |c| !taken(c)),
         None => Some(time_among(&names, |c| !taken(c))?),
     };
 
@@ -276,6 +372,7 @@ pub(super) fn choose_columns(
     // are no output either
     let is_no_output = |c: usize| {
         time_column::has_word_for_time(&names[c])
+            || time_column::holds_a_setting(&names[c])
             || c <= time.unwrap_or(0) && time_column::numbers_rows(&names[c])
             || c + 1 == names.len() && time_column::holds_remarks(&names[c])
     };
@@ -286,15 +383,14 @@ pub(super) fn choose_columns(
         }
         None => rest.partition(|c| !is_no_output(*c)),
     };
+    no_other_times(&names, &outputs, &left_out)?;
     // a table of nothing but what looks like numbers of rows has no other outputs
     let (outputs, left_out) =
         if outputs.is_empty() { (left_out, outputs) } else { (outputs, left_out) };
     let guessed = outputs.iter().filter(|_| columns.outputs.is_none() && outputs.len() > 1);
     for name in guessed.map(|&c| &names[c]) {
         if let Some(what) = time_column::not_samples(name) {
-            return Err(format!(
-                "column {name:?} {what}; or --outputs names the columns of samples"
-            ));
+            return Err(format!("column {name:?} {what}"));
         }
     }
     if outputs.is_empty() {
@@ -320,6 +416,28 @@ pub(super) fn choose_columns(
     Ok(ChosenColumns { names, time, outputs, burst, printhead, beside, left_out })
 }
 
+/// Refuses further columns of times that have outputs on both sides: each of them is that of the outputs behind it.
+fn no_other_times(names: &[String], outputs: &[usize], left_out: &[usize]) -> Result<(), String> {
+    let (Some(first), Some(last)) = (outputs.first(), outputs.last()) else { return Ok(()) };
+    let mut others = left_out.iter().filter(|c| time_column::has_word_for_time(&names[**c]));
+    match others.find(|c| (first..last).contains(c)) {
+        Some(&other) => Err(format!(
+            "{:?} looks like the times of the columns behind it: --time and --outputs choose those of one time",
+            names[other]
+        )),
+        None => Ok(()),
+    }
+}
+
+/// The column among those that are `free` that is called time, where its name leaves no doubt.
+fn time_called(names: &[String], free: impl Fn(usize) -> bool) -> Option<usize> {
+    let is_time = |c: &usize| {
+        let name = &names[*c];
+        free(*c) && time_column::has_word_for_time(name) && TimeUnit::in_name(name).is_ok()
+    };
+    (0..names.len()).find(is_time)
+}
+
 /// The column of time among those that are `free`: the first one if it is called so, else the only one that
 /// is called so, else the first one, unless that numbers the rows.
 fn time_among(names: &[String], free: impl Fn(usize) -> bool) -> Result<usize, String> {
@@ -341,6 +459,26 @@ fn time_among(names: &[String], free: impl Fn(usize) -> bool) -> Result<usize, S
             let called: Vec<&str> = called.iter().map(|&c| &*names[c]).collect();
             let called = printable::line(&called.join(", "), MOST_NAMED);
             Err(format!("several columns are called time ({called}): --time says which"))
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn tables_in_the_order_of_a_shell_are_taken_in_that_of_their_numbers() {
+        let paths = |names: &[&str]| names.iter().map(PathBuf::from).collect::<Vec<_>>();
+        for (given, taken) in [
+            (["s_1.csv", "s_10.csv", "s_2.csv"], Some(["s_1.csv", "s_2.csv", "s_10.csv"])),
+            (["s_10.csv", "s_1.csv", "s_2.csv"], Some(["s_1.csv", "s_2.csv", "s_10.csv"])),
+            (["s_2.csv", "s_10.csv", "s_1.csv"], None),
+            (["s_08.csv", "s_09.csv", "s_10.csv"], None),
+        ] {
+            let mut tables = paths(&given);
+            assert_eq!(in_order_of_numbers(&mut tables), taken.is_some(), "{given:?}");
+            assert_eq!(tables, paths(&taken.unwrap_or(given)));
         }
     }
 }

@@ -174,12 +174,21 @@ fn delimiter(start: &[u8]) -> u8 {
 /// of units.
 fn begin(lines: &[&str], delimiter: char) -> Option<usize> {
     let cells = |line: &str| -> Vec<String> {
-        let cell = |cell: &str| cell.trim().trim_matches('"').replace(',', ".");
+        let cell =
+            |cell: &str| cell.trim().trim_matches('"').replace(',', ".").replace('\u{2212}', "-");
         line.split(delimiter).map(cell).filter(|cell| !cell.is_empty()).collect()
     };
     let is_row = |at: &usize| {
         let cells = cells(lines[*at]);
         cells.len() > 1 && cells.iter().all(|cell| cell.parse::<f64>().is_ok())
+    };
+    // columns may be called 1 and 2, but not -1.5 or 1.400,00
+    let names_none = |at: usize| {
+        let is_number = |cell: &String| {
+            let digits = cell.trim_matches(|c: char| c.is_ascii_digit() || ".+-eE".contains(c));
+            digits.is_empty() && cell.contains(['.', '+', '-'])
+        };
+        cells(lines[at]).iter().any(is_number)
     };
     let filled = |at: &usize| !lines[*at].trim().is_empty() && !lines[*at].starts_with('#');
     let there: Vec<usize> = (0..lines.len()).filter(filled).collect();
@@ -195,7 +204,7 @@ fn begin(lines: &[&str], delimiter: char) -> Option<usize> {
             !rows.is_empty() && rows.iter().all(|at| is_row(at) && cells(lines[*at]).len() <= names)
         };
         let has_units = || below.len() > 1 && are_units(below[1]) && is_table(&below[2..]);
-        !is_row(&below[0]) && (is_table(&below[1..]) || has_units())
+        !is_row(&below[0]) && !names_none(below[0]) && (is_table(&below[1..]) || has_units())
     };
     (0..there.len()).find(|at| begins(&there[*at..])).map(|at| there[at])
 }
@@ -315,6 +324,7 @@ mod tests {
         for (head, line) in [
             ("Model,X1\nRate,1e6\n\nTime,A\n", 4),
             ("Source,A\nSecond,Volt\n", 1),
+            ("Time,A\n0,1.400,5\n", 1),
             ("#note\n;Rate,5,,\nSample,V,\ns,V,\n\n", 3),
         ] {
             let text = format!("{head}{rows}");

@@ -33,7 +33,7 @@ const NO_UNITS: &str =
     "tick ticks sample samples count counts cycle cycles frame frames clock clocks pts";
 /// What stands in brackets behind a name of times and says nothing of their unit.
 const NO_MATTER: &str = "utc gmt local rel relative abs absolute time t x iso date";
-const TIMES: &str = "time times timestamp timestamps datetime zeit";
+const TIMES: &str = "time times timestamp timestamps datetime zeit elapsed";
 /// Columns that number the rows, and columns of remarks, are no outputs.
 const NUMBERS: [&str; 14] = [
     "", "#", "no", "no.", "nr", "nr.", "index", "idx", "row", "number", "sample", "samples",
@@ -141,7 +141,10 @@ pub(super) fn is_time(column: &str) -> bool {
 pub(super) fn has_word_for_time(column: &str) -> bool {
     let words = words(column);
     let has_unit = || matches!(TimeUnit::in_name(column), Ok(Some(_)));
-    words.iter().any(|word| is_one_of(word, TIMES))
+    // where each output has times of its own, these are numbered
+    let is_word =
+        |word: &str| is_one_of(word.trim_end_matches(|c: char| c.is_ascii_digit()), TIMES);
+    words.iter().any(|word| is_word(word))
         // a capital T is more often a temperature
         || words.first().is_some_and(|word| word == "t") && (column.trim() == "t" || has_unit())
 }
@@ -158,11 +161,20 @@ pub(super) fn not_samples(column: &str) -> Option<String> {
         "burst" | "shot" | "segment" | "trigger" => Some(format!(
             "looks like the numbers of bursts: --burst {column} divides the table by it"
         )),
+        "head" | "printhead" | "head_id" | "printhead_id" => Some(format!(
+            "looks like the names of printheads: --printhead {column} divides the table by it"
+        )),
         "channel" | "ch" | "nozzle" | "sensor" | "channel_id" | "nozzle_id" | "sensor_id" => {
             Some("looks like the numbers of channels: give each channel a column of its own".into())
         }
         _ => None,
     }
+}
+
+/// Whether the name of a column is a setting with its value, such as `tInc = 1e-6`, which stands among the names because
+/// there was no other place.
+pub(super) fn holds_a_setting(column: &str) -> bool {
+    column.split_once('=').is_some_and(|(_, value)| value.trim().parse::<f64>().is_ok())
 }
 
 /// Whether a column holds remarks, by its name.
@@ -226,7 +238,7 @@ mod tests {
 
     #[test]
     fn a_further_column_is_of_time_by_a_word_for_it_and_not_by_a_unit_alone() {
-        let [of_time, outputs] = [["t_s", "t", "Timestamp", "Zeit (ms)"], ["D", "S", "ms", "T"]];
+        let [of_time, outputs] = [["t_s", "t", "Time2", "Zeit1 (ms)"], ["D", "S", "ms", "T"]];
         assert!(of_time.into_iter().all(has_word_for_time));
         assert!(!outputs.into_iter().any(has_word_for_time));
     }

@@ -35,7 +35,7 @@ becomes a channel (in the order of --outputs), each value of --burst a burst; so
 tables, and each segment where an instrument exports them in one. --printhead may name a \
 column. Sampling must be \
 regular, but for the rounding of written times; --resample interpolates (cubic spline) to the \
-usual sample period. With --period-s rows are samples one after the other, and --time is when a \
+usual sample period. With --period-s rows are samples one after the other, and times say when a \
 burst begins. A cell that is a list holds a channel's samples: each row is a burst. Arrays are \
 judged from Python (import inkling). Samples are stored as int16 where all of a burst are such, else as float32. A critique takes all \
 outputs of one recording as one system: what is independent becomes recordings of its own \
@@ -44,6 +44,9 @@ pub struct Args {
     /// Tables: CSV, Parquet; bursts of one after those of the other
     #[arg(required = true, value_name = "TABLE")]
     pub tables: Vec<PathBuf>,
+    /// Whether `tables` were put into the order of the numbers in their names
+    #[arg(skip)]
+    pub by_number: bool,
     /// Recording to write
     #[arg(short, long, value_name = "RECORDING")]
     pub out: PathBuf,

@@ -24,8 +24,8 @@ pub struct BurstClock {
     /// `--every`, ns; `None`: the option is not given.
     start_ns: Option<i64>,
     every_ns: Option<f64>,
-    /// Time of the first burst as the table has it, ns.
-    first_ns: Option<f64>,
+    /// Time of the first burst as the table has it: ns, and what is added to them.
+    first_ns: Option<(i64, f64)>,
     /// Number of bursts that have got a time.
     given: u64,
     /// End of the bursts so far, from the start of the first one, ns.
@@ -48,19 +48,24 @@ impl BurstClock {
     }
 
     /// The time of the next burst, ns since the epoch; `None` if it is not between 1970 and 2200. `time_ns`:
-    /// its time as the table has it; `length_ns`, `period_ns`: durations of the burst and of one sample.
-    pub fn next(&mut self, time_ns: Option<f64>, length_ns: f64, period_ns: f64) -> Option<i64> {
-        let first_ns = *self.first_ns.get_or_insert(time_ns.unwrap_or(0.0));
+    /// its time as the table has it, ns and what is added to them; `length_ns`, `period_ns`: durations of the burst and of one sample.
+    pub fn next(
+        &mut self,
+        time_ns: Option<(i64, f64)>,
+        length_ns: f64,
+        period_ns: f64,
+    ) -> Option<i64> {
+        let (first_ns, first_after) = *self.first_ns.get_or_insert(time_ns.unwrap_or_default());
         let number = self.given as f64;
         self.given += 1;
         self.untimed += u64::from(time_ns.is_none());
 
         // 1. a time since the epoch, unless the options say when bursts begin
-        if let (None, Some(t), None) = (self.every_ns, time_ns, self.start_ns)
-            && first_ns >= ABSOLUTE_NS
+        if let (None, Some((ns, after)), None) = (self.every_ns, time_ns, self.start_ns)
+            && first_ns as f64 + first_after >= ABSOLUTE_NS
         {
             self.absolute = true;
-            return later(0, t);
+            return later(ns, after);
         }
         let start_ns = self.start_ns.unwrap_or(SOME_START_NS);
 
@@ -70,7 +75,9 @@ impl BurstClock {
         }
 
         // 3. a time from the first burst, or after the burst before
-        let own = time_ns.map_or(f64::NEG_INFINITY, |t| t - first_ns);
+        let after_first =
+            |(ns, after): (i64, f64)| ns.saturating_sub(first_ns) as f64 + (after - first_after);
+        let own = time_ns.map_or(f64::NEG_INFINITY, after_first);
         // a millionth of a sample period is tolerated: it keeps bursts in place that follow each
         // other without a gap, whose times are rounded; the first burst begins at 0, even without a
         // time
@@ -156,11 +163,17 @@ fn date_time(text: &[u8]) -> Option<(i64, &[u8])> {
     let time = || {
         let (hour, text) = digits(text, 2, b"T_- t")?;
         let (minute, text) = digits(text, 2, b"-_:.")?;
-        let (second, text) = digits(text, 2, b"-_:.").unwrap_or((0, text));
-        Some(([hour, minute, second], text))
+        let Some((second, text)) = digits(text, 2, b"-_:.") else {
+            return Some(([hour, minute, 0, 0], text));
+        };
+        // three, six or nine digits directly behind the seconds are parts of a second
+        let n = text.iter().take_while(|c| c.is_ascii_digit()).count();
+        let parts = digits(text, n, b"").filter(|_| [3, 6, 9].contains(&n));
+        let (parts, text) = parts.unwrap_or((0, text));
+        Some(([hour, minute, second, parts * 10u32.pow(9 - (n as u32).min(9))], text))
     };
-    let ([hour, minute, second], text) = time().unwrap_or(([0; 3], text));
-    let at: DateTime<chrono::Utc> = date.and_hms_opt(hour, minute, second)?.and_utc();
+    let ([hour, minute, second, parts], text) = time().unwrap_or(([0; 4], text));
+    let at: DateTime<chrono::Utc> = date.and_hms_nano_opt(hour, minute, second, parts)?.and_utc();
     let ns = at.timestamp_nanos_opt().filter(|ns| is_representable(*ns))?;
     let (ahead_ns, text) = zone(text);
     Some((ns - ahead_ns, text))
@@ -203,7 +216,8 @@ mod tests {
 
     fn starts(clock: &mut BurstClock, times_s: &[f64], length_s: f64) -> Option<Vec<i64>> {
         let length_ns = length_s * 1e9;
-        times_s.iter().map(|t| clock.next(Some(*t * 1e9), length_ns, length_ns / 10.0)).collect()
+        let next = |t: &f64| clock.next(Some((0, *t * 1e9)), length_ns, length_ns / 10.0);
+        times_s.iter().map(next).collect()
     }
 
     #[test]
@@ -237,6 +251,7 @@ mod tests {
         };
         for (name, time, without) in [
             ("K1_20261101T080003", "2026-11-01T08:00:03Z", "K1"),
+            ("K1_20261101T080003123", "2026-11-01T08:00:03.123Z", "K1"),
             ("2026-11-01_08-00-03 night", "2026-11-01T08:00:03Z", "night"),
             ("run12_2026-11-01T08:00", "2026-11-01T08:00:00Z", "run12"),
             ("head 20261101", "2026-11-01T00:00:00Z", "head"),

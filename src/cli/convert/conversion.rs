@@ -146,8 +146,8 @@ impl<'a> Conversion<'a> {
         let period_ns = period_s * 1e9;
         let samples_per_channel = decay.outputs.first().map_or(0, Vec::len) as u32;
         let length_ns = f64::from(samples_per_channel) * period_ns;
-        let time_ns = self.times.as_ref().zip(decay.times.first()).map(|(of, t)| of.ns(*t));
-        if time_ns.is_some_and(|t| !t.is_finite()) {
+        let time_ns = self.times.as_ref().and_then(|of| of.begin(decay));
+        if time_ns.is_some_and(|(_, after)| !after.is_finite()) {
             return Err(of_burst("it has no time"));
         }
         let t_acq_ns = self
@@ -220,6 +220,10 @@ impl<'a> Conversion<'a> {
         let [least, most] = made.sample_period_s.map(|s| s as f32);
         let to_most = if least == most { String::new() } else { format!(" to {most}") };
         writeln!(out, "{path}: {bursts}, {samples} samples, one every {least}{to_most} s")?;
+        if let (true, [first, .., last]) = (self.args.by_number, &self.args.tables[..]) {
+            let [first, last] = [first, last].map(|of| printable(&of.display().to_string()));
+            writeln!(out, "  tables are taken in the order of their numbers: {first} to {last}")?;
+        }
         for (n, output) in (0u64..).zip(&made.outputs) {
             let channel = n + u64::from(self.args.first_channel);
             writeln!(out, "  channel {channel}: {}", printable(output))?;
@@ -235,7 +239,7 @@ impl<'a> Conversion<'a> {
             if self.args.resample {
                 write!(out, "  resampled: {interpolated} of {samples} samples interpolated, ")?;
                 writeln!(out, "{missing} cells were missing")?;
-            } else {
+            } else if self.args.period_s.is_none() {
                 writeln!(out, "  times within {most_off_grid:.3} periods of a regular grid")?;
             }
         }

@@ -6,7 +6,7 @@
 
 use super::super::exit::Failure;
 use super::args::Args;
-use inkling_io::sampling::{self, Sampled};
+use inkling_io::sampling::{self, Sampled, TimeColumn};
 use inkling_io::table_file::{Columns, Decay, Table};
 use inkling_io::time_column::TimeUnit;
 use inkling_io::{columnar, csv_table};
@@ -67,18 +67,16 @@ impl InputBursts {
 
         // 3. rows that are samples: with --period-s they are taken as they are listed; else the
         // table's times give the period, and must be regular
-        let by_times = time.filter(|_| args.period_s.is_none());
-        let mut sampled = match &by_times {
-            Some(time) => sampling::sample(decays, time, args.resample),
+        let unit_s = input.times.as_ref().map_or(1.0, |times| times.unit.ns / 1e9);
+        let mut sampled = match time.as_ref().filter(|_| args.period_s.is_none()) {
+            Some(name) => sampling::sample(decays, TimeColumn { name, unit_s }, args.resample),
             None => sampling::as_listed(decays),
         }
         .map_err(failed)?;
         let decays = std::mem::take(&mut sampled.decays);
         let missing = if args.resample { 0 } else { sampled.missing };
-        let unit_ns = input.times.as_ref().map_or(TimeUnit::SECONDS.ns, |times| times.unit.ns);
-        let period_s = args.period_s.is_none().then_some(sampled.period * unit_ns / 1e9);
-        let sampled = Some(sampled).filter(|_| period_s.is_some());
-        Ok(InputBursts { decays, period_s, missing, sampled, ..input })
+        let period_s = args.period_s.is_none().then_some(sampled.period * unit_s);
+        Ok(InputBursts { decays, period_s, missing, sampled: Some(sampled), ..input })
     }
 }
 
@@ -102,8 +100,7 @@ impl Times {
     /// unless they may be days of a spreadsheet. `None`: the table has no times.
     fn of(table: &Table, columns: &Columns) -> Result<Option<Times>, String> {
         let Some(column) = &table.time else { return Ok(None) };
-        let first = table.decays.first().and_then(|decay| decay.times.first()).copied();
-        let first = first.unwrap_or(0.0).abs();
+        let first = table.first_time().unwrap_or(0.0).abs();
         let are_days = LIKELY_DAYS.contains(&first);
         let of = |unit: TimeUnit, why: String| {
             let zero = if unit == TimeUnit::DAYS && are_days { DAYS_OF_1970 } else { 0.0 };
@@ -133,9 +130,14 @@ impl Times {
         }
     }
 
-    /// A time of the table, ns; since 1970 if the table's are.
-    pub fn ns(&self, time: f64) -> f64 {
-        (time - self.zero) * self.unit.ns
+    /// The begin of a decay, as ns and what is added to them; since 1970 if the table's times are.
+    pub fn begin(&self, decay: &Decay) -> Option<(i64, f64)> {
+        let (unit_ns, after) = (self.unit.ns, decay.times.first()? - self.zero);
+        let base = (unit_ns >= 1.0).then(|| decay.base.checked_mul(unit_ns as i64)).flatten();
+        Some(match base {
+            Some(base_ns) => (base_ns, after * unit_ns),
+            None => (0, (decay.base as f64 + after) * unit_ns),
+        })
     }
 }
 
@@ -160,7 +162,15 @@ mod tests {
         assert!(times(None, 46_327.3).unwrap_err().contains("--time-unit d"));
         // 2026-11-01T08:00:00Z, as a spreadsheet counts
         let days = times(Some(TimeUnit::DAYS), 46_327.0).unwrap();
-        assert!((days.ns(46_327.0 + 8.0 / 24.0) - 1_793_520_000e9).abs() < 1e3);
-        assert_eq!(times(Some(TimeUnit::DAYS), 2.0).unwrap().ns(2.0), 2.0 * 8.64e13);
+        let at = |times: Vec<f64>, base: i64| Decay { times, base, ..Decay::default() };
+        let (base, after) = days.begin(&at(vec![46_327.0 + 8.0 / 24.0], 0)).unwrap();
+        assert!(base == 0 && (after - 1_793_520_000e9).abs() < 1e3);
+        let two = times(Some(TimeUnit::DAYS), 2.0).unwrap();
+        assert_eq!(two.begin(&at(vec![2.0], 0)), Some((0, 2.0 * 8.64e13)));
+        let seconds = times(None, 1.7e9).unwrap();
+        assert_eq!(
+            seconds.begin(&at(vec![0.25], 1 << 30)),
+            Some(((1 << 30) * 1_000_000_000, 2.5e8))
+        );
     }
 }
