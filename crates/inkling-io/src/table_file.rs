@@ -164,30 +164,32 @@ impl Decay {
 /// Puts tables whose names are in the order of letters, as a shell lists them (1, 10, 2), into that of the numbers in
 /// their names. Gives whether it is another order; any order that is not that of letters was meant.
 pub fn in_order_of_numbers(tables: &mut [PathBuf]) -> bool {
-    fn parts(path: &PathBuf) -> Vec<(String, Option<u128>)> {
-        let name = path.to_string_lossy();
-        let mut rest = &*name;
-        let mut parts = Vec::new();
-        while !rest.is_empty() {
-            let begins = rest.find(|c: char| c.is_ascii_digit()).unwrap_or(rest.len());
-            let behind = rest[begins..].find(|c: char| !c.is_ascii_digit());
-            let ends = behind.map_or(rest.len(), |n| begins + n);
-            parts.push((rest[..begins].to_owned(), rest[begins..ends].parse().ok()));
-            rest = &rest[ends..];
-        }
-        parts
-    }
     // many a shell passes over signs and the case of letters
     let letters = |path: &PathBuf| -> String {
         let name = path.to_string_lossy().to_lowercase();
         name.chars().filter(|c| c.is_alphanumeric()).collect()
     };
     let is_of_letters = tables.is_sorted() || tables.is_sorted_by_key(letters);
-    let is_other = is_of_letters && !tables.is_sorted_by_key(parts);
+    let is_other = is_of_letters && !tables.is_sorted_by_key(|path| parts(path));
     if is_other {
-        tables.sort_by_cached_key(parts);
+        tables.sort_by_cached_key(|path| parts(path));
     }
     is_other
+}
+
+/// The texts and the numbers that a name consists of.
+fn parts(path: &Path) -> Vec<(String, Option<u128>)> {
+    let name = path.to_string_lossy();
+    let mut rest = &*name;
+    let mut parts = Vec::new();
+    while !rest.is_empty() {
+        let begins = rest.find(|c: char| c.is_ascii_digit()).unwrap_or(rest.len());
+        let behind = rest[begins..].find(|c: char| !c.is_ascii_digit());
+        let ends = behind.map_or(rest.len(), |n| begins + n);
+        parts.push((rest[..begins].to_owned(), rest[begins..ends].parse().ok()));
+        rest = &rest[ends..];
+    }
+    parts
 }
 
 pub struct Table {
