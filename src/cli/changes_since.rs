@@ -257,8 +257,8 @@ impl<'a> ChangesSince<'a> {
         })
     }
 
-    /// The changes as JSON. `still` is the number of faults that are on as before, `may_return` of those that are over and came back before, `known` of those that are
-    /// acknowledged, `judged_again` of recordings.
+    /// The changes as JSON. `still` is the number of faults that are on as before, `may_return` of those that are over
+    /// and came back before, `known` of those that are acknowledged, `judged_again` of recordings.
     pub fn as_json(&self) -> Value {
         let Changes { from_ns, to_ns, recordings, still, may_return, .. } = &self.changes;
         let mut document = json!({

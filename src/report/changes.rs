@@ -108,7 +108,8 @@ impl<'a> Changes<'a> {
         // by more than both sizes are uncertain
         let is_resized = |story: &'a Story, way: Direction| {
             both(story).is_some_and(|(was, is)| {
-                let same = quantity(was) == quantity(is);
+                // what has no name is sized as the class that it is most like
+                let same = is.category.is_some() && quantity(was) == quantity(is);
                 let sizes = was.severity_last.zip(is.severity_last).filter(|_| same);
                 let sds = was.severity_sd.zip(is.severity_sd);
                 sizes.zip(sds).is_some_and(|((was, is), (a, b))| {
@@ -186,37 +187,57 @@ mod tests {
     use super::super::fixtures::{spell, watch_of};
     use super::super::settings::ReportSettings;
     use super::super::story::{Rates, stories};
-    use super::super::watch::Flagged;
+    use super::super::watch::{Flagged, Spell};
     use super::*;
 
-    #[test]
-    fn a_fault_that_is_called_otherwise_since_then_is_another() {
-        let changed = |name: &str| {
-            let spells = vec![spell(0, 0, None, "dried_nozzle"), spell(1, 100, None, name)];
-            let bursts: Vec<_> = [0, 1, 2, 100, 101, 102]
-                .map(|t| ((t / 100) as usize, t, Some(Flagged::default())))
-                .into();
-            let stories = stories(&watch_of(spells, &bursts), &Rates::default());
-            let faults = Fault::of_channel(stories, &ReportSettings::default());
-            let line = |source: usize| RecordingLine {
-                name: source.to_string(),
-                source,
-                span: Some((100 * source as i64, 100 * source as i64 + 2)),
-                judged: 3,
-                flaws: String::new(),
-                is_damaged: false,
-                is_known: false,
-                has_episodes: true,
-                heads: Default::default(),
-            };
-            let lines = [line(0), line(1)];
-            let changes = Changes::since(&lines, &faults, |name| name == "0", |_| None);
-            let of = |key: &str| {
-                changes.kinds.iter().find(|kind| kind.0 == key).map_or(0, |kind| kind.2.len())
-            };
-            (of("changed"), changes.still)
+    /// The keys of the kinds that are told of one channel's two nights, and how many faults are on as before. `until`:
+    /// when the first night's fault ended; `now`: the second night's episode; `was_told`: whether the first night was.
+    fn told(until: Option<i64>, now: Spell, was_told: bool) -> (Vec<&'static str>, usize) {
+        let on = |night: usize, k: i64| (night, 100 * night as i64 + k, Some(Flagged::default()));
+        let first = (0..20).map(|k| match until {
+            Some(end) if k >= end => (0, k, None),
+            _ => on(0, k),
+        });
+        let bursts: Vec<_> = first.chain((0..20).map(|k| on(1, k))).collect();
+        let spells = vec![spell(0, 0, until, "dried_nozzle"), now];
+        let stories = stories(&watch_of(spells, &bursts), &Rates::default());
+        let faults = Fault::of_channel(stories, &ReportSettings::default());
+        let line = |source: usize| RecordingLine {
+            name: source.to_string(),
+            source,
+            span: Some((100 * source as i64, 100 * source as i64 + 20)),
+            judged: 20,
+            flaws: String::new(),
+            is_damaged: false,
+            is_known: false,
+            has_episodes: true,
+            heads: Default::default(),
         };
-        assert_eq!(changed("air_bubble"), (1, 0));
-        assert_eq!(changed("dried_nozzle"), (0, 1));
+        let told = |story: &Story| Some(was_told && story.began_at_ns < 100);
+        let changes = Changes::since(&[line(0), line(1)], &faults, |name| name == "0", told);
+        let kinds = changes.kinds.iter().filter(|kind| !kind.2.is_empty());
+        (kinds.map(|kind| kind.0).collect(), changes.still)
+    }
+
+    #[test]
+    fn a_fault_with_another_name_or_another_size_has_changed() {
+        let now = |name: &str, size: f64| {
+            let mut now = spell(1, 100, None, name);
+            (now.episode.fault, now.episode.severity_last) = (None, Some(size));
+            now
+        };
+        let told = |name: &str, size: f64| told(None, now(name, size), true);
+        let before = spell(0, 0, None, "dried_nozzle").episode.severity_last.unwrap();
+        assert_eq!(told("air_bubble", before), (vec!["changed"], 0));
+        assert_eq!(told("dried_nozzle", before), (vec![], 1));
+        assert_eq!(told("dried_nozzle", before + 2.0), (vec!["worse"], 0));
+        assert_eq!(told("dried_nozzle", before - 2.0), (vec!["better"], 0));
+    }
+
+    #[test]
+    fn a_fault_that_nobody_has_told_is_told_also_where_another_one_followed() {
+        let now = || spell(1, 100, None, "air_bubble");
+        assert_eq!(told(Some(10), now(), false), (vec!["new", "passed"], 0));
+        assert_eq!(told(Some(10), now(), true), (vec!["new"], 0));
     }
 }

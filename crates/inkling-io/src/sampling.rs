@@ -9,7 +9,8 @@
 //! time must lie within 3 % of a period from a regular grid (`as_written`). So times written with
 //! few digits (33 and 34 ms for 1/30 s) are regular. With resampling: the period is the usual step
 //! (`median_step`), unless steps differ by rounding, and each output is interpolated by a natural cubic
-//! spline through the samples that are there (`resampled`). Before either, exports of several acquisitions in one table are cut
+//! spline through the samples that are there (`resampled`). Before either, exports of several acquisitions
+//! in one table are cut
 //! (`segments.rs`).
 
 use super::segments;

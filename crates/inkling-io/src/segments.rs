@@ -2,8 +2,9 @@
 //! from times that lack rows.
 //!
 //! In: the times of a decay. Out: its segments, as decays of their own ([`cut`]); or whether its times are
-//! rounded ([`standing`], [`are_rounded`]) or stand in several rows ([`rows_of_each`]). Instruments that record segments export all of them in one table:
-//! the times go on after a gap, or begin again, after equally many samples each time.
+//! rounded ([`standing`], [`are_rounded`]) or stand in several rows ([`rows_of_each`]). Instruments that record
+//! segments export all of them in one table: the times go on after a gap, or begin again, after equally many
+//! samples each time.
 
 use super::sampling::fitted_period;
 use super::table_file::Decay;

@@ -48,7 +48,8 @@ impl BurstClock {
     }
 
     /// The time of the next burst, ns since the epoch; `None` if it is not between 1970 and 2200. `time_ns`:
-    /// its time as the table has it, ns and what is added to them; `length_ns`, `period_ns`: durations of the burst and of one sample.
+    /// its time as the table has it, ns and what is added to them; `length_ns`, `period_ns`: durations of the burst and
+    /// of one sample.
     pub fn next(
         &mut self,
         time_ns: Option<(i64, f64)>,
@@ -179,8 +180,8 @@ fn date_time(text: &[u8]) -> Option<(i64, &[u8])> {
     Some((ns - ahead_ns, text))
 }
 
-/// How far the zone is ahead of UTC, ns, that is named at the beginning of `text`, such as Z, +0100 or -05:30, and the text
-/// after it.
+/// How far the zone is ahead of UTC, ns, that is named at the beginning of `text`, such as Z, +0100 or -05:30, and the
+/// text after it.
 fn zone(text: &[u8]) -> (i64, &[u8]) {
     if let Some(rest) = text.strip_prefix(b"Z") {
         return (0, rest);
