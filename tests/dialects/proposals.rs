@@ -109,4 +109,12 @@ fn no_single_nozzle_of_an_array_of_objects_is_proposed() {
     };
     assert!(block("json", None, objects(1).into(), &["/HA"]).contains("nozzles[0].adc"));
     assert_eq!(block("json", None, objects(4).into(), &["/HA"]), "");
+    let fields = |names: &[&str]| {
+        let one = |name: &&str| format!("\"{name}\":{:?},", ring(1, 128, false));
+        let all: String = names.iter().map(one).collect();
+        block("json", None, format!("{{{all}\"hz\":1e6}}").into(), &["/HA"])
+    };
+    assert_eq!(fields(&["ch0", "ch1", "ch2"]), "");
+    assert!(fields(&["ch0"]).contains("samples = \"ch0\""));
+    assert!(fields(&["adc1", "filtered"]).contains("samples = "));
 }

@@ -101,11 +101,20 @@ impl FirstMessage<'_> {
         }
     }
 
-    /// Whether samples lie in an array of messages, of which the next one has as many: a path leads to one alone.
+    /// Whether samples lie in an array of messages, of which the next one has as many, or in a field beside another one of
+    /// that length whose name has another number (`ch0`, `ch1`): a path leads to one alone.
     pub fn is_one_of_several(&self, field: &FieldInfo) -> bool {
         let next = FieldInfo { path: field.path.replacen("[0]", "[1]", 1), ..field.clone() };
         let length = |of: &FieldInfo| self.samples(of).map(|samples| samples.length);
-        next.path != field.path && length(&next).is_some() && length(&next) == length(field)
+        let is_as_long = |of: &FieldInfo| length(of).is_some() && length(of) == length(field);
+        let is_digit = |c: char| c.is_ascii_digit();
+        let is_alike = |of: &FieldInfo| {
+            let [of, own] = [of, field].map(|of| of.path.replace(is_digit, ""));
+            own.len() < field.path.len() && of == own
+        };
+        let mut beside = self.fields.iter().filter(|of| of.path != field.path && of.is_numbers());
+        next.path != field.path && is_as_long(&next)
+            || beside.any(|of| is_alike(of) && is_as_long(of))
     }
 
     pub fn number(&self, path: &str) -> Option<f64> {

@@ -81,7 +81,7 @@ pub fn look<'p>(
             match first.likely_samples() {
                 None => Look::Others,
                 Some((of, _)) if first.is_one_of_several(of) => Look::Undecodable(format!(
-                    "each channel is a message of its own in an array ({}), of which a path reads one alone: \
+                    "each channel is a message or a field of its own ({}), of which a path reads one alone: \
                      record an array of rows",
                     printable::line(&of.path, 200)
                 )),
