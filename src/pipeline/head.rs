@@ -202,6 +202,9 @@ impl Head {
             SweepOutcome::Level { level, sd } => Ok(self.judged_by(t_ns, (level, sd), by)),
             SweepOutcome::Unknown => {
                 self.unknown = self.unknown.saturating_add(1);
+                if self.unknown >= IN_A_ROW && no_rings > looks.len() {
+                    self.movement.no_rings_since_ns.get_or_insert(t_ns);
+                }
                 Ok(self.judge.now.clone())
             }
         };

@@ -33,6 +33,8 @@ pub struct HeadMovement {
     /// first surely exceeded [`MOST_SCATTER`], ns.
     pub scatter: f64,
     pub scatter_since_ns: Option<i64>,
+    /// Since when most signals held more than a ring, so that the level was not known, ns.
+    pub no_rings_since_ns: Option<i64>,
     /// Channels that ring otherwise since a pause, as other channels in their places would.
     pub replaced: Vec<ReplacedChannel>,
     /// The level of the first rejected sweep: ln amplitude, ln damping, ln frequency, phase in rad.
@@ -91,7 +93,8 @@ impl HeadMovement {
     /// Whether a warning explains that many channels are flagged at once.
     pub fn is_of_all_channels(&self) -> bool {
         let since = [self.beyond_since_ns, self.swapped_ns, self.scatter_since_ns];
-        self.strange > 0 || since.iter().any(Option::is_some)
+        let since = since.into_iter().chain([self.no_rings_since_ns]);
+        self.strange > 0 || since.flatten().next().is_some()
     }
 
     /// Takes in a level; of ln amplitude, ln damping and ln frequency the values farthest from 0 are kept.
@@ -163,10 +166,17 @@ impl HeadMovement {
                 self.scatter,
             )
         });
+        let no_rings = self.no_rings_since_ns.map(|since_ns| {
+            format!(
+                "from {} on most of its signals hold more than the ring that the design knows, such as noise, hum or another \
+                 form: where the printhead is is not known, and faults may pass; look at amplifier, cable and supply",
+                at(since_ns)
+            )
+        });
         let replaced = self.replaced.iter().take(MOST_REPLACED).map(ReplacedChannel::in_words);
         let more = self.replaced.len().saturating_sub(MOST_REPLACED);
         let more = (more > 0).then(|| format!("{more} channels more ring otherwise"));
-        let of_all = [beyond, strange, swapped, scatter].into_iter().flatten();
+        let of_all = [beyond, strange, swapped, scatter, no_rings].into_iter().flatten();
         of_all.chain(replaced).chain(more).collect()
     }
 }

@@ -81,7 +81,7 @@ pub fn look<'p>(
             match first.likely_samples() {
                 None => Look::Others,
                 Some((of, _)) if first.is_one_of_several(of) => Look::Undecodable(format!(
-                    "each channel is a message or a field of its own ({}), of which a path reads one alone: \
+                    "each channel is a message of its own, or a field ({}), of which a path reads one alone: \
                      record an array of rows",
                     printable::line(&of.path, 200)
                 )),
@@ -126,7 +126,7 @@ mod tests {
         for (topic, encoding, schema, message, says) in [
             ("/a/b", "json", "", json(40), "bursts"),
             ("/a/b", "json", "", json(4), "others"),
-            ("/a/b", "json", "", objects(2), "in an array (y[0].adc)"),
+            ("/a/b", "json", "", objects(2), "or a field (y[0].adc)"),
             ("/a/b", "json", "", objects(1), "bursts"),
             ("/line/black-2/adc", "cdr", "ros2idl acme/X", plain(), "not by \"ros2idl\""),
             ("/line/other/adc", "cdr", "ros2idl acme/X", plain(), "others"),
