@@ -31,8 +31,9 @@ const FEWEST_ALIKE: usize = 6;
 /// Signals are clipped that have so many samples in a row at one value, if this share of all signals is so.
 const STAND_STILL: usize = 3;
 const CLIPPED: f64 = 0.25;
-/// So many bursts are looked at for that.
+/// So many bursts, and of each so many channels, are looked at for that.
 const MOST_CLIPPED_BURSTS: usize = 8;
+const MOST_CLIPPED_CHANNELS: u32 = 64;
 /// Channels of more than this many times the median channel's energy are left out.
 const MOST_ENERGY: f64 = 100.0;
 
@@ -158,7 +159,11 @@ fn of_clipping(bursts: &[Burst]) -> Option<String> {
         signal
     };
     let bursts = &bursts[..bursts.len().min(MOST_CLIPPED_BURSTS)];
-    let signals = bursts.iter().flat_map(|burst| (0..burst.channels).map(|c| signal(burst, c)));
+    let some = |burst: &Burst| {
+        let step = burst.channels.div_ceil(MOST_CLIPPED_CHANNELS).max(1);
+        (0..burst.channels).step_by(step as usize)
+    };
+    let signals = bursts.iter().flat_map(|burst| some(burst).map(|c| signal(burst, c)));
     let signals: Vec<Vec<f64>> = signals.collect();
     let all = || signals.iter().flatten().copied().filter(|y| y.is_finite());
     let (least, most) =

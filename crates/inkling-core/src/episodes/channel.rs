@@ -9,7 +9,7 @@
 
 use super::episode_draft::EpisodeDraft;
 use super::evidence::{Evidence, FIRST_IN_MEDIANS, Step};
-use super::intermittent::{Flags, of_others};
+use super::intermittent::{Flags, QuietLooks};
 use super::rules::Rules;
 use super::{Counts, IsolatedSignal, Looks, Untimely};
 use std::cmp::Ordering;
@@ -30,13 +30,6 @@ pub struct Channel {
     pub evidence: Evidence,
     pub draft: Option<Box<EpisodeDraft>>,
     flagged_looks: Option<Box<FlaggedLooks>>,
-}
-
-/// Looks at all channels of a printhead while no episode was on in them, and the place of the channel among them.
-#[derive(Clone, Copy, Debug)]
-pub struct Quiet<'a> {
-    pub all: &'a [Flags],
-    pub place: usize,
 }
 
 /// Flagged looks that stand out from the channel's level: evidence for what comes and goes.
@@ -114,13 +107,13 @@ impl Channel {
     }
 
     /// Takes in the next look, and returns the draft of the episode that has ended with it. `named`:
-    /// of a flagged look; `quiet`: this look counts among them.
+    /// of a flagged look; `quiet`: the looks at all channels, this one among them, and the place of the channel.
     pub fn look(
         &mut self,
         t_ns: i64,
         ratio: f32,
         named: Option<&IsolatedSignal>,
-        quiet: Quiet,
+        (quiet, place): (&mut QuietLooks, usize),
         rules: &Rules,
     ) -> Option<Box<EpisodeDraft>> {
         let was_raised = self.evidence.raised;
@@ -134,7 +127,7 @@ impl Channel {
         if was_raised || step == Step::Raised {
             self.flagged_looks = None;
         } else if stands_out {
-            let (others, looks) = (of_others(quiet.all, quiet.place), quiet.all[quiet.place].looks);
+            let (others, looks) = (quiet.of_others(place), quiet.looks(place));
             self.count_flagged(t_ns, named, (looks - 1, others), rules);
             // as long as the sequential test has evidence, the fault did not go
             if was_quiet && self.is_intermittent(t_ns, (looks, others), rules) {

@@ -2,7 +2,7 @@
 //! too many in all for false alarms.
 //!
 //! In: how many looks at a channel were flagged, of how many ([`Flags`]), and the same of the other
-//! channels of its printhead ([`of_others`]). Out: the ln likelihood ratio of "flagged for reasons of its own"
+//! channels of its printhead ([`QuietLooks`]). Out: the ln likelihood ratio of "flagged for reasons of its own"
 //! against "flagged by false alarms" ([`Flags::evidence`]).
 //!
 //! Flags are taken for independent: with rate q on a healthy channel, and with a share p on a
@@ -33,6 +33,11 @@ impl Flags {
         self.flagged += u64::from(flagged);
     }
 
+    fn without(self, those: Flags) -> Flags {
+        let looks = self.looks.saturating_sub(those.looks);
+        Flags { looks, flagged: self.flagged.saturating_sub(those.flagged) }
+    }
+
     pub fn share(self) -> f64 {
         self.flagged as f64 / self.looks.max(1) as f64
     }
@@ -41,7 +46,7 @@ impl Flags {
         self.flagged == 0 || self.evidence(others) < 0.0
     }
 
-    /// `others`: looks at the printhead's other channels ([`of_others`]).
+    /// `others`: looks at the printhead's other channels ([`QuietLooks::of_others`]).
     pub fn evidence(self, others: Flags) -> f64 {
         // The rate q: what all channels do is no fault of one. The upper bound is somewhat arbitrary.
         let rate = (tuned::OF_OTHERS * others.share()).clamp(LEAST_RATE, 0.2);
@@ -55,19 +60,55 @@ impl Flags {
     }
 }
 
-/// The looks at the printhead's other channels that tell how often healthy channels are flagged: at those three quarters
-/// of them that are flagged most seldom, as others may have faults that come and go, too. `all`: looks at each channel
-/// while no episode was on; `place`: of the channel itself.
-pub fn of_others(all: &[Flags], place: usize) -> Flags {
-    let mut others: Vec<Flags> = [&all[..place], &all[place + 1..]].concat();
-    let kept = others.len() - others.len() / 4;
-    if kept < others.len() {
-        others.select_nth_unstable_by(kept, |a, b| a.share().total_cmp(&b.share()));
+/// The looks at each channel of a printhead while no episode was on in it.
+#[derive(Clone, Debug, Default)]
+pub struct QuietLooks {
+    of: Vec<Flags>,
+    /// Those three quarters of the channels that are flagged most seldom, as others may have faults that come and go,
+    /// and the largest share among them.
+    seldom: Flags,
+    largest: f64,
+    /// Number of looks until these are taken anew: once for as many looks as there are channels, as it takes a while.
+    until: usize,
+}
+
+impl QuietLooks {
+    pub fn add_channel(&mut self) {
+        self.of.push(Flags::default());
     }
-    others[..kept].iter().fold(Flags::default(), |sum, of| Flags {
-        looks: sum.looks + of.looks,
-        flagged: sum.flagged + of.flagged,
-    })
+
+    pub fn begin_anew(&mut self) {
+        self.of.fill(Flags::default());
+        self.until = 0;
+    }
+
+    /// `place`: the index of the channel.
+    pub fn add(&mut self, place: usize, flagged: bool) {
+        self.of[place].add(flagged);
+        self.until = self.until.saturating_sub(1);
+    }
+
+    /// Number of looks at a channel.
+    pub fn looks(&self, place: usize) -> u64 {
+        self.of[place].looks
+    }
+
+    /// The looks at a channel's neighbours that tell how often healthy channels are flagged.
+    pub fn of_others(&mut self, place: usize) -> Flags {
+        if self.until == 0 {
+            let mut all = self.of.clone();
+            let kept = (all.len() - all.len() / 4).max(1);
+            all.select_nth_unstable_by(kept - 1, |a, b| a.share().total_cmp(&b.share()));
+            self.largest = all[kept - 1].share();
+            self.seldom = all[..kept].iter().fold(Flags::default(), |sum, of| Flags {
+                looks: sum.looks + of.looks,
+                flagged: sum.flagged + of.flagged,
+            });
+            self.until = all.len();
+        }
+        let own = self.of[place];
+        if own.share() > self.largest { self.seldom } else { self.seldom.without(own) }
+    }
 }
 
 #[cfg(test)]
@@ -121,14 +162,16 @@ mod tests {
     #[test]
     fn channels_that_come_and_go_together_hide_none_of_each_other() {
         let flags = |flagged: u64| Flags { looks: 200, flagged };
+        let evidence = |of: Vec<Flags>, place: usize| {
+            let own = of[place];
+            own.evidence(QuietLooks { of, ..QuietLooks::default() }.of_others(place))
+        };
         let (healthy, faulty) = (vec![flags(0); 52], vec![flags(20); 12]);
-        let all = [healthy, faulty].concat();
-        assert!(all[60].evidence(of_others(&all, 60)) > 16.1);
+        assert!(evidence([healthy, faulty].concat(), 60) > 16.1);
         // what most channels do, and every channel of a small printhead
-        let all = [vec![flags(0); 20], vec![flags(20); 44]].concat();
-        assert!(all[60].evidence(of_others(&all, 60)) < 0.0);
-        assert!(flags(20).evidence(of_others(&[flags(20), flags(19)], 0)) < 0.0);
-        assert_eq!(of_others(&[flags(20)], 0), Flags::default());
+        assert!(evidence([vec![flags(0); 20], vec![flags(20); 44]].concat(), 60) < 0.0);
+        assert!(evidence(vec![flags(20), flags(19)], 0) < 0.0);
+        assert!(evidence(vec![flags(20)], 0) > 16.1, "it has no neighbours");
     }
 
     #[test]

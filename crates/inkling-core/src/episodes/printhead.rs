@@ -3,8 +3,8 @@
 //! In: the bursts of one printhead in the order of time. Out, into [`TrackerOutput`]: episodes that
 //! have ended, and, if the tracker works at once, those that were raised.
 
-use super::channel::{Channel, Quiet};
-use super::intermittent::Flags;
+use super::channel::Channel;
+use super::intermittent::QuietLooks;
 use super::order::WaitingBursts;
 use super::rules::Rules;
 use super::{Counts, Episode, IsolatedSignal, Looks, Untimely};
@@ -22,8 +22,7 @@ pub struct Printhead {
     /// The channels in the order in which they were met, which is mostly that of their numbers.
     pub states: Vec<Channel>,
     place: HashMap<u32, usize>,
-    /// Looks at each channel while no episode was on in it, and flagged ones among them.
-    quiet: Vec<Flags>,
+    quiet: QuietLooks,
     pub untimely: Untimely,
 }
 
@@ -57,7 +56,7 @@ impl Printhead {
         *channels += 1;
         self.place.insert(number, self.states.len());
         self.states.push(Channel::new(number));
-        self.quiet.push(Flags::default());
+        self.quiet.add_channel();
         Some(self.states.len() - 1)
     }
 
@@ -72,7 +71,7 @@ impl Printhead {
             }
             *channel = Channel::new(channel.number);
         }
-        self.quiet.fill(Flags::default());
+        self.quiet.begin_anew();
     }
 
     pub fn look(&mut self, looks: &Looks, rules: &Rules, output: &mut TrackerOutput) {
@@ -117,10 +116,10 @@ impl Printhead {
 
         // looks while an episode is on are no false alarms
         if !channel.evidence.raised {
-            self.quiet[place].add(ratio > 1.0);
+            self.quiet.add(place, ratio > 1.0);
         }
 
-        let quiet = Quiet { all: &self.quiet, place };
+        let quiet = (&mut self.quiet, place);
         if let Some(over) = channel.look(looks.t_ns, ratio, named, quiet, rules) {
             counts.episodes += 1;
             // the fault ended with the first of the looks that fit the return to healthy
