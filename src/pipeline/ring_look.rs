@@ -1,9 +1,9 @@
 //! Looks at a recording's first bursts: whether they are ring-downs as they are laid out, whether they ring at
 //! frequencies at which printheads do, and whether something clipped them.
 //!
-//! In: a recording, from `recording_report` (where there is no design) and from `inspect`. Out: a sentence for
-//! each printhead whose signals speak against their layout or sample period ([`doubts`]), before faults are made
-//! of that. No signal is judged by it.
+//! In: a recording, from `recording_report` and from `inspect`. Out: a sentence for each printhead whose signals speak
+//! against their layout or sample period, or are clipped ([`doubts`]), before faults are made of that. Where a design
+//! judges, only clipping is looked for, in the printheads that the first bursts are of. No signal is judged by it.
 //!
 //! A layout is wrong if neighbouring samples of a channel hardly correlate, or if channels have little in common,
 //! while with rows and columns exchanged both hold ([`RowLayout`]). A sample period is wrong if the mean signal would
@@ -28,7 +28,8 @@ const RINGS_WITHIN: [f64; 2] = [500.0, 2e6];
 const MOST_TOLD: usize = 8;
 /// Of fewer channels a single faulty one makes them unlike each other.
 const FEWEST_ALIKE: usize = 6;
-/// Signals are clipped that have so many samples in a row at one value, if this share of all signals is so.
+/// Signals are clipped that have so many samples in a row at one value, if this share of all signals is so. Both are
+/// arbitrary: tried on the sample, clipped at three quarters of its amplitude and not clipped, and on rings in few codes.
 const STAND_STILL: usize = 3;
 const CLIPPED: f64 = 0.25;
 /// So many bursts, and of each so many channels, are looked at for that.

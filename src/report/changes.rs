@@ -18,7 +18,7 @@ use inkling_core::episodes::Episode;
 use std::collections::BTreeSet;
 use std::sync::Arc;
 
-/// A size has changed if it differs by so many standard deviations.
+/// A size has changed if it differs by so many standard deviations, of both sizes together: by chance one in 400 does.
 const CERTAIN: f64 = 3.0;
 
 /// The last faults of all channels, sorted by what became of them.

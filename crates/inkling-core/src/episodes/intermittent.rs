@@ -93,7 +93,8 @@ impl QuietLooks {
         self.of[place].looks
     }
 
-    /// The looks at a channel's neighbours that tell how often healthy channels are flagged.
+    /// The looks at the other channels that tell how often healthy ones are flagged. `place`: the index of the channel,
+    /// whose own looks do not count.
     pub fn of_others(&mut self, place: usize) -> Flags {
         if self.until == 0 {
             let mut all = self.of.clone();
