@@ -92,15 +92,14 @@ impl InputSettings {
     }
 }
 
-/// Which models judge where there is a design. Without a design windows give the models, and
-/// `replay` refuses the other mode.
+/// Which models judge where there is a design. Without a design windows give the models.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum IdentifyMode {
     /// Identify models again on the recording's healthy windows.
-    #[default]
     Windows,
     /// Judge by the design's models as they are.
+    #[default]
     Design,
 }
 
@@ -144,7 +143,7 @@ pub struct IdentifySettings {
 impl Default for IdentifySettings {
     fn default() -> Self {
         IdentifySettings {
-            mode: IdentifyMode::Windows,
+            mode: IdentifyMode::default(),
             labels: String::new(),
             first: 20.0,
             spans: Vec::new(),

@@ -150,15 +150,17 @@ pub fn critique(recording: Recording, options: &[String]) -> Result<Ended, Failu
 /// Reads what `--baseline FILE` reads: the state of printheads and channels for a design, or a new state if
 /// there is no file.
 pub fn read_state(path: &Path, design: &str) -> Result<Memory, Failure> {
-    Ok(BaselineFile::read(path, Some(design))?.1)
+    let (file, state) = BaselineFile::read(path, Some(design))?;
+    file.of_this_design()?;
+    Ok(state)
 }
 
 /// Writes the state as `--baseline FILE` does. A file of another design, or of anything else, is not
 /// overwritten.
 pub fn write_state(path: &Path, state: &Memory) -> Result<(), Failure> {
     outputs::check_file(path, ResultFile::Baselines)?;
-    let (mut file, _) = BaselineFile::read(path, state.design.as_deref())?;
-    Ok(file.write(state)?)
+    let (file, _) = BaselineFile::read(path, state.design.as_deref())?;
+    Ok(file.of_this_design()?.write(state)?)
 }
 
 #[cfg(test)]

@@ -43,6 +43,8 @@ pub struct Ledger<'a> {
     pub journal: JournalWriter,
     /// The file of `--baseline`; `None`: no state is kept.
     pub state: Option<BaselineFile>,
+    /// That another design's state was set aside, until it is told, of the first recording that teaches the new one.
+    pub begun_anew: Option<String>,
     /// The recording that failed in its turn, or could not be read when the run was planned, because of which the state learns no more in this run.
     pub waits_for: Option<String>,
 }
@@ -118,7 +120,7 @@ impl Ledger<'_> {
 
     /// Writes the new state beside the old one, if the state is to learn from the recording; its entry says by
     /// which state it was judged.
-    fn prepare(&self, job: &Job, judged: &mut Judged) -> Result<Option<Prepared>, Stop> {
+    fn prepare(&mut self, job: &Job, judged: &mut Judged) -> Result<Option<Prepared>, Stop> {
         let (Some(file), Some(learned)) = (&self.state, judged.baselines.take()) else {
             return Ok(None);
         };
@@ -138,6 +140,7 @@ impl Ledger<'_> {
             judged.entry.baseline = Some(job.link.clone().unwrap_or(now));
             return Ok(None);
         }
+        judged.entry.always.extend(self.begun_anew.take().map(told));
         let next =
             file.prepare(&learned).map_err(|e| Stop::unwritten(&e, &e.to_string(), self.out))?;
         judged.entry.baseline = Some(Link { before: file.digest(), after: Some(next.digest()) });

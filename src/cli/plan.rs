@@ -132,7 +132,11 @@ impl Planner<'_> {
             job.decision = self.resume.decide(job, |path| self.digest(path))?;
             job.link = match &job.decision {
                 Decision::Finished { entry, .. } => entry.baseline.clone(),
-                Decision::Judge(_) => self.resume.journal.link_of(&job.source.path).cloned(),
+                Decision::Judge(_) => self
+                    .resume
+                    .journal
+                    .link_of(&job.source.path, &self.resume.means.design)
+                    .cloned(),
                 Decision::Refuse(_) => None,
             };
         }

@@ -9,7 +9,8 @@
 //! ln frequency and phase, counted from the *base* ring: that of the design's model of this
 //! printhead, or without a design that of its window's model. The method (docs/design/state.md)
 //! stands in `inkling_core::state`; here the state is fed and asked. For each sweep:
-//! 1. A subset of the channels is looked at: a look is the four features of one signal's ring.
+//! 1. The judge is moved to the recorded temperature, and a subset of the channels is looked at by it: a look is the
+//!    four features of one signal's ring.
 //! 2. The state of the head takes the looks in, and says where the level is, that it does not know, or that
 //!    this is another head.
 //! 3. The judge is moved to the level, in steps (`moved_judge`), and judges all signals of the sweep.
@@ -176,6 +177,7 @@ impl Head {
     pub fn close(&mut self, sweep: &Sweep, by: &mut Judging) -> AssignedJudge {
         self.sweeps = self.sweeps.wrapping_add(1);
         let t_ns = sweep.to_ns();
+        self.heat(sweep, by);
         let Looks { rings: looks, no_rings, all_frozen } = self.look(sweep, by);
         // own levels are taken before the state is updated, so that no sweep is judged about its own
         let is_remembered = by.replay.baselines.is_some();
@@ -211,6 +213,14 @@ impl Head {
 
         let own = self.placed(&judge, own, frozen);
         AssignedJudge { own, ..AssignedJudge::new(judge) }
+    }
+
+    /// Moves the judge to the temperature of a sweep, as the first of its bursts whose temperature is believed says.
+    fn heat(&mut self, sweep: &Sweep, by: &mut Judging) {
+        let model = &self.judge.unmoved.model;
+        let all = sweep.bursts().into_iter().filter_map(|burst| burst.temperature_c);
+        let warmer = all.filter(|t| model.believes(*t)).map(|t| model.warmer(t)).next();
+        warmer.into_iter().for_each(|warmer| self.judge.heat(warmer, &mut by.moves));
     }
 
     fn now_at(&self) -> Features {

@@ -1,8 +1,10 @@
-//! The judge of a printhead, moved to where most of the printhead's channels are, for `head`, once per sweep.
+//! The judge of a printhead, moved to where most of the printhead's channels are and to their temperature, for `head`,
+//! once per sweep.
 //!
-//! In: where the channels lie from the ring of the judge's model, and the standard deviation of that. Out: the judge
-//! in use. It moves in steps, since each move makes a new judge, which costs time: for the first time beyond
-//! `FIRST_MOVE` and surely, then whenever it is off by more than `NEXT_MOVE`.
+//! In: where the channels lie from the ring of the judge's model, the standard deviation of that, and the recorded
+//! temperature. Out: the judge in use. It moves in steps, since each move makes a new judge, which costs time: for the
+//! first time beyond `FIRST_MOVE` and surely, then whenever it is off by more than `NEXT_MOVE`; and whenever temperature
+//! has moved the ring by more than `WARMER_MOVE`, up to which its linear effect suffices.
 
 use inkling_core::design::Judge;
 use inkling_core::state::Features;
@@ -12,6 +14,9 @@ use std::sync::Arc;
 /// which it is moved again. The level's own noise is about .1 of each feature's. Heuristic.
 const FIRST_MOVE: f64 = 0.4;
 const NEXT_MOVE: f64 = 0.2;
+/// The same for what a temperature does that was recorded. A channel one standard deviation off in frequency is then
+/// read half a standard deviation off in damping. Heuristic.
+const WARMER_MOVE: f64 = 1.0;
 /// A level counts as surely off if it is off by more than this many standard deviations of its noise.
 const SURE_SDS: f64 = 4.0;
 
@@ -22,38 +27,60 @@ pub(super) struct MovedJudge {
     pub now: Arc<Judge>,
     /// The features by which the judge in use was moved from its model's ring; 0 if it was not.
     pub by: Features,
+    /// How many K above its model's reference temperature the judge in use lies, and what a K changes.
+    warmer: f64,
+    per_k: Features,
     /// Standard deviations of healthy channels' features: the unit in which a move is decided.
     healthy_sd: Features,
 }
 
 impl MovedJudge {
     pub fn new(unmoved: Arc<Judge>, healthy_sd: Features) -> MovedJudge {
-        MovedJudge { now: unmoved.clone(), unmoved, by: Features::zeros(), healthy_sd }
+        let per_k = unmoved.features_per_k();
+        let by = Features::zeros();
+        MovedJudge { now: unmoved.clone(), unmoved, by, warmer: 0.0, per_k, healthy_sd }
     }
 
+    /// Whether its channels, and not only their temperature, have moved it.
     pub fn is_moved(&self) -> bool {
-        !Arc::ptr_eq(&self.now, &self.unmoved)
+        self.by != Features::zeros()
+    }
+
+    /// Moves the judge to `warmer` K above its model's reference temperature, if it is far enough from there.
+    /// `moves`: number of moves of all judges of the run.
+    pub fn heat(&mut self, warmer: f64, moves: &mut u32) {
+        if self.sds((warmer - self.warmer) * self.per_k) > WARMER_MOVE {
+            self.move_to(self.by, warmer, moves);
+        }
     }
 
     /// Moves the judge to `wanted`, where most channels lie from the model's ring, if it is far enough off.
     /// `sd`: standard deviations of the noise of `wanted`; `moves`: number of moves of all judges of the run.
     pub fn follow(&mut self, wanted: Features, sd: Features, moves: &mut u32) {
         let off = wanted - self.by;
-        // the phase is left out: it changes with the others, or by something else than ink
-        let sds = off.component_div(&self.healthy_sd).fixed_rows::<3>(0).norm();
         // once moved, the judge follows smaller changes, so that it does not jump at the first bound
         let is_off = match self.is_moved() {
-            true => sds > NEXT_MOVE,
-            false => sds > FIRST_MOVE && (off.abs() - SURE_SDS * sd).max() > 0.0,
+            true => self.sds(off) > NEXT_MOVE,
+            false => self.sds(off) > FIRST_MOVE && (off.abs() - SURE_SDS * sd).max() > 0.0,
         };
         if is_off {
-            *moves = moves.wrapping_add(1);
-            // always from the window's judge, so that errors do not add up; where it cannot, unmoved
-            (self.now, self.by) = match self.unmoved.moved(wanted, *moves) {
-                Some(judge) => (Arc::new(judge), wanted),
-                None => (self.unmoved.clone(), Features::zeros()),
-            };
+            self.move_to(wanted, self.warmer, moves);
         }
+    }
+
+    /// The size of a change in standard deviations of healthy channels. The phase is left out: it changes with the
+    /// others, or by something else than ink.
+    fn sds(&self, off: Features) -> f64 {
+        off.component_div(&self.healthy_sd).fixed_rows::<3>(0).norm()
+    }
+
+    /// Always from the model's own judge, so that errors do not add up; where it cannot, the judge is unmoved.
+    fn move_to(&mut self, by: Features, warmer: f64, moves: &mut u32) {
+        *moves = moves.wrapping_add(1);
+        (self.now, self.by, self.warmer) = match self.unmoved.moved(by, warmer, *moves) {
+            Some(judge) => (Arc::new(judge), by, warmer),
+            None => (self.unmoved.clone(), Features::zeros(), 0.0),
+        };
     }
 }
 

@@ -2,7 +2,8 @@
 //! ([`Memory`]), as JSON (`schemas/baseline.md`). `inkling replay --baseline` reads it when a run
 //! begins, and replaces it after each recording that was judged.
 //!
-//! The file belongs to one design, whose digest it holds, and to one run at a time. Nothing locks
+//! The file belongs to one design, whose digest it holds, and to one run at a time. The state of another design is of no
+//! use: a run puts that file aside and begins anew, since a new design must not stop the nights. Nothing locks
 //! it. Instead a [`BaselineFile`] keeps the hash of the bytes that it read or wrote last, and
 //! [`BaselineFile::prepare`] and [`BaselineFile::replace`] refuse if the file on disk has another
 //! hash by now: so the work of another run is not overwritten. (Two runs that replace the file
@@ -30,6 +31,8 @@ pub struct BaselineFile {
     path: PathBuf,
     /// Hash of its bytes; `None`: there was no file.
     hash: Option<u128>,
+    /// What is wrong with the file if it belongs to another design: then it counts as not there.
+    of_another_design: Option<String>,
 }
 
 /// New baselines, complete in a file beside the old one; dropping them removes that file.
@@ -46,9 +49,27 @@ impl Prepared {
 }
 
 impl BaselineFile {
-    /// Digest of the file when it was read or written last; `None`: there was none.
+    /// Digest of the file when it was read or written last; `None`: there was none of this design.
     pub fn digest(&self) -> Option<String> {
-        self.hash.map(in_words)
+        self.hash.filter(|_| self.of_another_design.is_none()).map(in_words)
+    }
+
+    /// Says of a file of another design what is wrong with it.
+    pub fn of_another_design(&self) -> Option<&str> {
+        self.of_another_design.as_deref()
+    }
+
+    /// For who must not put a file aside: that of another design is refused.
+    pub fn of_this_design(self) -> Result<BaselineFile, FileError> {
+        match &self.of_another_design {
+            Some(why) => Err(FileError::mistaken(
+                &self.path,
+                format!(
+                    "{why}: remove the file to begin anew, or give the design it belongs to or another file"
+                ),
+            )),
+            None => Ok(self),
+        }
     }
 
     /// Puts the file aside, as `<name>.stale`, and goes on without one.
@@ -58,7 +79,7 @@ impl BaselineFile {
         let mut aside = path.clone().into_os_string();
         aside.push(".stale");
         std::fs::rename(&path, aside).map_err(FileError::unwritten(&self.path))?;
-        self.hash = None;
+        (self.hash, self.of_another_design) = (None, None);
         Ok(())
     }
 
@@ -73,12 +94,11 @@ impl BaselineFile {
 
     /// Reads and checks the baselines; if there is no file yet, the memory is empty. `design`: the
     /// digest of the design that recordings are judged by, `None` if they are judged without one.
-    /// Baselines of another design are refused.
+    /// Of another design's file the memory is empty, too ([`BaselineFile::of_another_design`]).
     pub fn read(path: &Path, design: Option<&str>) -> Result<(BaselineFile, Memory), FileError> {
-        let mut file = BaselineFile { path: path.into(), hash: None };
-        let Some(text) = file.bytes()? else {
-            return Ok((file, Memory::new(design.map(str::to_owned))));
-        };
+        let mut file = BaselineFile { path: path.into(), hash: None, of_another_design: None };
+        let new = || Memory::new(design.map(str::to_owned));
+        let Some(text) = file.bytes()? else { return Ok((file, new())) };
         file.hash = Some(xxh3_128(&text));
         let not = |what: String| {
             let what = result_file::instead_or(path, "baselines", &what);
@@ -93,13 +113,10 @@ impl BaselineFile {
         if baselines.design.as_deref() != design {
             let [found, due] =
                 [baselines.design.as_deref(), design].map(|digest| digest.unwrap_or("none"));
-            return Err(FileError::mistaken(
-                path,
-                format!(
-                    "these baselines were learned with another design ({found}, not {due}): remove the file to begin \
-                     anew, or give the design they belong to or another file"
-                ),
-            ));
+            let what =
+                format!("these baselines were learned with another design ({found}, not {due})");
+            file.of_another_design = Some(what);
+            return Ok((file, new()));
         }
         Ok((file, baselines))
     }

@@ -158,8 +158,9 @@ pub struct Journal {
     /// By the path of the verdict table below the directory.
     by_result: HashMap<String, Arc<Entry>>,
     by_path: HashMap<String, Arc<Entry>>,
-    /// What the state has learned from a recording, by its path. It has, whoever judged the recording since.
-    links: HashMap<String, Link>,
+    /// What the state of a design has learned from a recording, by its path, and the digest of that design. It has,
+    /// whoever judged the recording since.
+    links: HashMap<String, (Option<String>, Link)>,
     /// Settings by their text: entries share them, since a journal may have a million lines.
     settings: HashMap<String, Arc<Value>>,
 }
@@ -192,7 +193,8 @@ impl Journal {
         let text = entry.by.settings.to_string();
         entry.by.settings = self.settings.entry(text).or_insert(entry.by.settings).clone();
         if let Some(link) = &entry.baseline {
-            self.links.insert(entry.recording.path.clone(), link.clone());
+            let of = (entry.by.design.clone(), link.clone());
+            self.links.insert(entry.recording.path.clone(), of);
         }
         let entry = Arc::new(entry);
         self.by_path.insert(entry.recording.path.clone(), entry.clone());
@@ -210,9 +212,9 @@ impl Journal {
         self.by_path.values().map(Arc::as_ref)
     }
 
-    /// The states before and after they learned from a recording; `None`: none did.
-    pub fn link_of(&self, path: &str) -> Option<&Link> {
-        self.links.get(path)
+    /// The states of a design (its digest) before and after they learned from a recording; `None`: none did.
+    pub fn link_of(&self, path: &str, design: &Option<String>) -> Option<&Link> {
+        self.links.get(path).filter(|(by, _)| by == design).map(|(_, link)| link)
     }
 
     pub fn of_recording(&self, path: &str) -> Option<&Arc<Entry>> {

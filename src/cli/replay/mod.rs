@@ -132,7 +132,11 @@ fn checked_and_judged(
     if args.dry_run {
         return plan::print(&jobs, &lost, args.json);
     }
-    if let Some(file) = baseline_file.as_mut().filter(|_| is_anew) {
+    let other = baseline_file.as_ref().and_then(BaselineFile::of_another_design);
+    let begun_anew = other.map(|what| {
+        format!("--baseline: {what}: that file is now called .stale, and all begins anew")
+    });
+    if let Some(file) = baseline_file.as_mut().filter(|_| is_anew || begun_anew.is_some()) {
         // a run that is killed from here on is gone on with as if somebody had removed the file
         file.begin_anew()?;
         replay.baselines = replay.baselines.map(|of| Memory::new(of.design));
@@ -180,7 +184,14 @@ fn checked_and_judged(
             progress: &progress,
             control: &control,
         },
-        ledger: Ledger { out: &out, means: &means, journal, state: baseline_file, waits_for },
+        ledger: Ledger {
+            out: &out,
+            means: &means,
+            journal,
+            state: baseline_file,
+            begun_anew,
+            waits_for,
+        },
         teller: Teller {
             out: &out,
             progress: &progress,

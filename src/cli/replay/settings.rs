@@ -38,13 +38,14 @@ pub fn with_design(args: &Args) -> Result<(Settings, Option<DesignAndDigest>), F
         let read = design_file::read(Path::new(&asked.input.design))?;
         return Ok((settings_by(args, &read.0)?, Some(read)));
     }
-    if asked.identify.mode == IdentifyMode::Windows {
-        return Ok((asked, None));
+    // without a design windows give the models, unless somebody asks for what is not there
+    let is_asked = args.identify.is_some() || keys(&args.set).any(|key| key == "identify.mode");
+    if is_asked && asked.identify.mode == IdentifyMode::Design {
+        return Err(Failure::usage(
+            "--identify design: there is no design: give --design FILE (`inkling train` makes one)",
+        ));
     }
-    let by_option = args.identify.is_some();
-    let option = if by_option { "--identify design" } else { "identify.mode = \"design\"" };
-    let what = "there is none: give --design FILE (`inkling train` makes one)";
-    Err(Failure::usage(format!("{option}: {what}")))
+    Ok((asked, None))
 }
 
 /// The settings that the command line asks for, without those that the design keeps.
@@ -81,9 +82,6 @@ fn settings(args: &Args, kept: &[String]) -> Result<Settings, Failure> {
 
     // of several values for a key the last one wins, so the strongest come last
     let mut overrides = kept.to_vec();
-    if args.design.is_some() {
-        overrides.push("identify.mode=design".into()); // the default; --set wins over it
-    }
     overrides.extend(args.set.iter().cloned());
     for (key, value) in [
         ("output.dir", &args.out),
@@ -179,7 +177,7 @@ pub fn load(
     let labels_digest = labels_digest.transpose()?;
     let spans = settings.identify.spans.iter().map(span_ns).collect::<Result<_, Failure>>()?;
 
-    // a baseline file of another design is refused; one that is not there yet gives empty baselines
+    // a baseline file of another design, or one that is not there yet, gives empty baselines
     let (baseline_file, baselines) = match settings.input.baseline.as_str() {
         "" => (None, None),
         path => BaselineFile::read(Path::new(path), design_digest.as_deref())

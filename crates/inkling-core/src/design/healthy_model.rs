@@ -46,6 +46,9 @@ pub struct HealthyModel {
     /// Relative change of damping and of resonance per K; 0: not known.
     pub damping_per_k: f64,
     pub frequency_per_k: f64,
+    /// How many K above `temperature_c` its ring, expected signal and sensitivities lie: 0 unless it was moved there.
+    #[serde(skip)]
+    pub moved_k: f64,
     pub generator: ResidualGenerator,
     pub threshold: Threshold,
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -150,12 +153,14 @@ impl HealthyModel {
         self.warm(warmer, out);
     }
 
-    /// How many K a temperature lies above the model's; 0: unknown (NaN), not to be believed or without effect.
+    /// How many K a temperature lies above where the model is. What is unknown (NaN), not to be believed or without
+    /// effect counts as the model's reference temperature.
     pub fn warmer(&self, temperature_c: f64) -> f64 {
-        match (&self.temperature_response, self.temperature_c) {
+        let from_reference = match (&self.temperature_response, self.temperature_c) {
             (Some(_), Some(reference)) if self.believes(temperature_c) => temperature_c - reference,
             _ => 0.0,
-        }
+        };
+        from_reference - self.moved_k
     }
 
     /// Whether a recorded temperature may be that of the ink: what is far from the model's was recorded in another

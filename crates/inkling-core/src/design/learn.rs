@@ -96,6 +96,7 @@ impl HealthyModel {
             temperature_response,
             damping_per_k,
             frequency_per_k,
+            moved_k: 0.0,
             generator,
             sensitivity: None,
             by_maximum: false,

@@ -1,9 +1,15 @@
 //! Models and judges moved to where a printhead's channels are now (ink warms up, a supply sags).
 //!
-//! In, from `pipeline/moved_judge.rs`: a judge with its model as it was learned, and the *change*:
+//! In, from `pipeline/moved_judge.rs`: a judge with its model as it was learned, the *change*:
 //! how far ln amplitude, ln damping, ln frequency and phase of all channels have moved since, as
-//! [`crate::state`] follows them. Out: a judge whose model has ring, expected signal and
-//! sensitivities shifted by the change. Thresholds, healthy covariances and fault classes stay.
+//! [`crate::state`] follows them, and the recorded temperature. Out: a judge whose model has ring, expected signal and
+//! sensitivities shifted by the change and to the temperature. Thresholds, healthy covariances and fault classes stay.
+//!
+//! The temperature response of a model is a line, added to every signal alike. Of a channel that rings otherwise than
+//! the model does it says too little: 7 K off the reference, where frequency has moved by .8 %, a channel whose
+//! frequency lies .7 % beside the others' seems to be damped 3 % more. Moved to the temperature the model says
+//! nothing wrong about such channels, and where it was learned as an exponential law, as that of viscosity is, it holds
+//! farther out, too.
 //!
 //! Also the way back: a signal's features relative to the healthy mean, from which the state
 //! estimates the change ([`Judge::features`]), and what it must know of a judge ([`Judge::kind`]).
@@ -20,11 +26,13 @@ use std::f64::consts::TAU;
 use std::sync::{Arc, OnceLock};
 
 impl HealthyModel {
-    /// The same model after a common change of all channels; the identified channel and the filter
-    /// stay as they were learned. `None`: nothing rings there, or its sensitivities are dependent.
-    fn moved(&self, by: Change) -> Option<HealthyModel> {
-        let ring = self.ring().ok()?;
-        let there = Features::from(by);
+    /// The same model after a common change of all channels, at `warmer` K above its reference temperature; the
+    /// identified channel and the filter stay as they were learned. `None`: nothing rings there, or its sensitivities
+    /// are dependent.
+    fn moved(&self, by: Change, warmer: f64) -> Option<HealthyModel> {
+        let (ring, fitter) = (self.ring().ok()?, self.fitter().ok()?);
+        let per_k = self.features_per_k(&fitter);
+        let there = Features::from(by + warmer * per_k);
         let size = there.ln_amplitude.exp();
 
         let ring = Ring {
@@ -41,7 +49,7 @@ impl HealthyModel {
 
         // The expected signal is the moved ring (the first sensitivity, by ln amplitude) plus the
         // leftover, which grows with the ring's amplitude.
-        let tangent = self.fitter().ok()?.tangent(&there);
+        let tangent = fitter.tangent(&there);
         moved.expected = tangent.column(0).iter().copied().collect();
         moved.leftover.iter_mut().for_each(|left| *left *= size);
         moved.expected.iter_mut().zip(&moved.leftover).for_each(|(y, left)| *y += left);
@@ -49,6 +57,16 @@ impl HealthyModel {
             Some(of) => Some(of.moved(&tangent.columns(0, 3).into_owned())?),
             None => None,
         };
+
+        // what temperature does to the ring it does from there on; what it does beside the ring stays
+        let [here, there] = [fitter.tangent(&Features::HEALTHY), tangent].map(|of| of * per_k);
+        if let Some(response) = &mut moved.temperature_response {
+            for (k, slope) in response.iter_mut().enumerate() {
+                moved.expected[k] += warmer * (*slope - here[k]);
+                *slope += there[k] - here[k];
+            }
+            moved.moved_k = warmer;
+        }
         Some(moved)
     }
 
@@ -71,10 +89,10 @@ impl HealthyModel {
 }
 
 impl Judge {
-    /// `self` is not a moved judge; `moves`: number of moves over all judges of the run, this one
-    /// included. `None`: the method knows no sensitivities or nothing rings there.
-    pub fn moved(&self, by: Change, moves: u32) -> Option<Judge> {
-        let model = Arc::new(self.model.moved(by)?);
+    /// `self` is not a moved judge; `warmer`: K above its model's reference temperature; `moves`: number of moves over
+    /// all judges of the run, this one included. `None`: the method knows no sensitivities or nothing rings there.
+    pub fn moved(&self, by: Change, warmer: f64, moves: u32) -> Option<Judge> {
+        let model = Arc::new(self.model.moved(by, warmer)?);
         let (sensitivity, misfit) = (model.sensitivity.clone()?, model.misfit.as_ref());
         let detector = SensitivityDetector::new(&model, sensitivity, misfit).ok()?;
         let mut isolating = self.isolating.clone();
@@ -92,6 +110,12 @@ impl Judge {
             reference_v: self.reference_v,
             extension: self.extension.clone(),
         })
+    }
+
+    /// Change of the features of its model's ring per K; 0: not known.
+    pub fn features_per_k(&self) -> Change {
+        let fitter = self.model.fitter().ok();
+        fitter.map(|fitter| self.model.features_per_k(&fitter)).unwrap_or_default()
     }
 
     /// Standard deviations of healthy signals' features, noise included. `None`: a change cannot be
