@@ -38,4 +38,5 @@ mod tables; // tables as others read them: rings in every mode
 mod tellers; // page, list, JSON and tables tell one account, which rows stand behind
 mod thesis_tables; // the thesis's methods by settings; its chapter 4 on own recordings
 mod transcripts; // what commands say and leave, session by session, as text in golden/
+mod warm_nights; // ink or its sensor at other temperatures than the design knows
 mod wire; // code of messages = schemas

@@ -136,6 +136,7 @@ impl<'a> Changes<'a> {
                 Some(_) if !was_known => "passed",
                 _ if !fault.is_latest && !was_known => "passed",
                 _ if !fault.is_latest => "followed by another",
+                Some(end) if end > known_to_ns && story.ended_with_all => "changed",
                 Some(end) if end > known_to_ns => "cured",
                 Some(_) => "ended within the earlier recordings",
                 None if !was_known => "new",

@@ -20,6 +20,7 @@ use super::words;
 use inkling_core::episodes::{share, size_in_words};
 use inkling_core::fault;
 use inkling_core::model::bisection::bisected;
+use inkling_core::model::faults::{self, Law};
 use inkling_core::verdict::Reason;
 use std::cmp::Reverse;
 
@@ -204,9 +205,21 @@ pub fn instead_in_words(story: &Story) -> Option<String> {
     Some(words::joined([format!("its signals carry no name since {since}"), known], "; "))
 }
 
-/// The trend, if its 95 % interval excludes 0. Tables and forecasts use no other.
+/// Least change of a fault over the span of its trend, as a share of its size, that is told. Whoever asks night after night
+/// whether a constant fault grows is told so some night, by chance; and a change of less moves nobody.
+const LEAST_CHANGE: f64 = 0.1;
+
+/// The trend, if its 95 % interval excludes 0 and it changes the fault by a tenth. Tables and forecasts use no other.
 pub fn certain_trend(story: &Story) -> Option<&Trend> {
-    story.trend.as_ref().filter(|trend| trend.direction() != Direction::Steady)
+    let class = story.fault.as_deref().or_else(|| sized_as(story.category.as_deref()?));
+    let none = class.and_then(faults::law).map_or(0.0, Law::none);
+    let size = story.severity_last.map(|size| (size - none).abs()).or(story.distance);
+    let matters = |trend: &&Trend| {
+        let change = trend.per_day.abs() * trend.span_days;
+        change >= LEAST_CHANGE * size.unwrap_or_default()
+    };
+    let trend = story.trend.as_ref().filter(|trend| trend.direction() != Direction::Steady);
+    trend.filter(matters)
 }
 
 /// The trend in words, `getting worse: +3.1 points a day (+2.5 to +3.7)`. The change is per day if
@@ -320,6 +333,10 @@ fn sentence_of(fault: &Fault) -> String {
         (Some(end), _) if story.replaced_at_ns == Some(end) => {
             format!("from {since} to {}; the channel was replaced", words::clock(end))
         }
+        (Some(end), _) if story.ended_with_all => format!(
+            "from {since} to {}; since then all channels ring otherwise, and this one as they do: it need not be healthy",
+            words::clock(end)
+        ),
         (Some(end), 0) => format!("from {since} to {}, healthy since", words::clock(end)),
         (Some(end), cures) => format!(
             "since {since}, in {recordings}, came back {}; last healthy again {}",

@@ -4,9 +4,10 @@
 //!
 //! In: `head_changes` and `odd_times` of the recordings' summaries. Out: [`HeadChange`]s, the newest first.
 
-use super::RecordingLine;
+use super::counts::Tally;
 use super::night::last_night;
 use super::source::Source;
+use super::{RecordingLine, survey};
 use std::cmp::Reverse;
 use std::sync::Arc;
 
@@ -21,6 +22,17 @@ pub struct HeadChange {
     pub as_of_ns: Option<i64>,
     /// Whether the recording is of the last night.
     pub is_of_last_night: bool,
+}
+
+/// From when to when, ns, all channels of a printhead lay together beyond the bounds, in each recording that says so. A
+/// fault that ends there may not be over: the other channels may have got it, too.
+pub fn moved_ns(head: &survey::Head, sources: &[Source]) -> Vec<[i64; 2]> {
+    let of_recording = |(recording, tally): (&usize, &Tally)| {
+        let moved = sources[*recording].document["moved_together"].as_array()?;
+        let of_head = moved.iter().find(|of| of["printhead"].as_str() == Some(&*head.name))?;
+        Some([of_head["beyond_since_ns"].as_i64()?, tally.span?.1])
+    };
+    head.tallies.iter().filter_map(of_recording).collect()
 }
 
 /// The changes in all recordings. `lines`: of the recordings, in the order of time.

@@ -157,7 +157,9 @@ impl Report {
         // The stories of each channel, linked with the rates of all channels.
         let rates = rates(&survey, &false_alarms);
         let faults = |head: &survey::Head| {
-            let stories = head.watches.iter().map(|of| stories(head, of, &rates, acknowledged));
+            let moved_ns = head_changes::moved_ns(head, sources);
+            let stories =
+                head.watches.iter().map(|of| stories(head, of, &moved_ns, (&rates, acknowledged)));
             stories.flat_map(|of| Fault::of_channel(of, &settings)).collect::<Vec<_>>()
         };
         let mut faults: Vec<Fault> = survey.heads.iter().flat_map(faults).collect();
@@ -206,8 +208,8 @@ impl Report {
 fn stories(
     head: &survey::Head,
     watch: &Watch,
-    rates: &Rates,
-    acknowledged: &Acknowledged,
+    moved_ns: &[[i64; 2]],
+    (rates, acknowledged): (&Rates, &Acknowledged),
 ) -> Vec<Story> {
     let ends_ns = |recording: usize| {
         let span = head.tallies.get(&recording).and_then(|of| of.span);
@@ -226,6 +228,11 @@ fn stories(
     all.extend(rest.iter().flat_map(|watch| story::stories(watch, rates)));
     for story in &mut all {
         story.known = acknowledged.knows(story).map(str::to_owned);
+        story.ended_with_all = story.ended_at_ns.is_some_and(|end_ns| {
+            moved_ns.iter().any(|[from_ns, to_ns]| {
+                story.began_at_ns < *from_ns && (*from_ns..=*to_ns).contains(&end_ns)
+            })
+        });
     }
     all
 }

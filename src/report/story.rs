@@ -98,6 +98,8 @@ pub struct Story {
     pub onset_seen: bool,
     /// When the fault ended; `None` if it is still on.
     pub ended_at_ns: Option<i64>,
+    /// Whether all channels of its printhead moved together when it ended: then they may have got the fault, too.
+    pub ended_with_all: bool,
     /// Number of recordings that hold an episode of the fault.
     pub recordings: u32,
     pub spells: Vec<Spell>,
@@ -329,6 +331,7 @@ fn story(
         began_at_ns: first.began_at_ns,
         onset_seen,
         ended_at_ns,
+        ended_with_all: false,
         recordings: recordings.len() as u32,
         cures: inner.iter().filter(|gap| gap.is_one).count() as u32,
         last_began_at_ns,

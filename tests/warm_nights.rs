@@ -1,0 +1,93 @@
+//! Nights at other ink temperatures than the design was trained at, and nights whose sensor says another temperature than
+//! the ink has: no channel is told as replaced or as faulty for that, and the fault that there is stays known.
+//!
+//! Rings are written down: damping and resonance follow temperature exponentially, and every channel rings a little
+//! otherwise. 7 K off the training's temperatures a straight line, added to every channel alike, reads 3 % of damping
+//! into a channel whose resonance lies .7 % beside the others'.
+
+use crate::house::House;
+use inkling::burst::{Burst, Format, Layout};
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, StandardNormal};
+use std::f64::consts::TAU;
+
+const CHANNELS: usize = 48;
+const SAMPLES: usize = 120;
+const PERIOD_S: f64 = 1.1e-6;
+const TRAINED_C: f64 = 29.0;
+const FAULTY: usize = 17;
+const DAY_NS: i64 = 86_400_000_000_000;
+
+/// ln amplitude, ln damping, ln resonance and phase, from those that all channels have in common.
+type Offsets = [f64; 4];
+
+fn offsets(rng: &mut ChaCha8Rng, sds: Offsets) -> Offsets {
+    sds.map(|sd| {
+        let z: f64 = StandardNormal.sample(rng);
+        sd * z
+    })
+}
+
+/// A night of 40 bursts, `ink` and `sensor` K above the temperature of the training.
+fn night(house: &House, n: i64, ink: f64, sensor: f64) {
+    let mut make = ChaCha8Rng::seed_from_u64(7);
+    let own: Vec<Offsets> =
+        (0..CHANNELS).map(|_| offsets(&mut make, [0.015, 0.012, 0.007, 0.012])).collect();
+    let mut rng = ChaCha8Rng::seed_from_u64(100 + n as u64);
+    let bursts = (0..40).map(|burst| {
+        // it wanders a little
+        let swing = 0.5 * (f64::from(burst) / 9.0 + n as f64).sin();
+        let signal = |own: &Offsets, channel: usize| {
+            let now = offsets(&mut rng, [0.003, 0.003, 0.0004, 0.002]);
+            let of = |k: usize, per_k: f64| own[k] + now[k] + per_k * (ink + swing);
+            let dried = if channel == FAULTY && n >= 3 { 1.45f64.ln() } else { 0.0 };
+            let damping = 1.9e4 * (of(1, -0.018) + dried).exp();
+            let turns = TAU * 49e3 * of(2, 0.0011).exp();
+            let y = (0..SAMPLES).map(|k| {
+                let t = k as f64 * PERIOD_S;
+                let noise: f64 = StandardNormal.sample(&mut rng);
+                let ring = (-damping * t).exp() * (turns * t + 0.4 + of(3, 0.0)).cos();
+                (5200.0 * of(0, -0.003).exp() * ring + 9.0 * noise).round() as f32
+            });
+            y.collect::<Vec<f32>>()
+        };
+        let mut signal = signal;
+        let signals: Vec<Vec<f32>> =
+            own.iter().enumerate().map(|(channel, own)| signal(own, channel)).collect();
+        Burst {
+            t_acq_ns: 1_790_000_000_000_000_000 + n * DAY_NS + i64::from(burst) * 1_000_000_000,
+            temperature_c: Some(TRAINED_C + sensor + swing),
+            ..Burst::of(&signals, PERIOD_S, Format::S16Le, Layout::ChannelMajor)
+        }
+    });
+    house.record(&format!("n{n}.mcap"), &bursts.collect::<Vec<_>>());
+}
+
+#[test]
+fn a_warm_night_and_a_wrong_sensor_make_no_fault_and_hide_none() {
+    let house = House::new();
+    house.write("healthy.csv", "printhead,channel,from,to,state,severity\n*,*,,,healthy,\n");
+    (0..3).for_each(|n| night(&house, n, 0.8 * (n - 1) as f64, 0.8 * (n - 1) as f64));
+    house.ok("train n0.mcap n1.mcap n2.mcap --labels healthy.csv -o design.json");
+    // ink, sensor, and whether all channels are told to have moved together
+    let nights = [
+        (0.0, 0.0, false),
+        (7.0, 7.0, false),
+        (0.0, 7.0, true),
+        (0.0, -7.0, true),
+        (-6.0, -6.0, false),
+        (0.0, 0.0, false),
+    ];
+    for (n, (ink, sensor, is_told)) in (3i64..).zip(nights) {
+        night(&house, n, ink, sensor);
+        house.ok(&format!("replay n{n}.mcap --design design.json --baseline b.json --out out"));
+        let episodes = house.episodes(&format!("out/n{n}"));
+        let faulty: Vec<u32> = episodes.iter().map(|of| of.channel).collect();
+        assert_eq!(faulty, [FAULTY as u32], "{ink} {sensor}: {episodes:?}");
+        assert_eq!(episodes[0].category.as_deref(), Some("dried_nozzle"), "{ink} {sensor}");
+        let told = house.read_json(&format!("out/n{n}.summary.json"))["head_changes"].to_string();
+        assert!(!told.contains("replaced") && !told.contains("others than"), "{told}");
+        assert_eq!(told.contains("moved together"), is_told, "{ink} {sensor}: {told}");
+    }
+}
