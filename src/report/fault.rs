@@ -436,4 +436,30 @@ mod tests {
         let over = Story { ended_at_ns: Some(20), ..growing(1.5, 0.25, 0.05) };
         assert_eq!(hours_to_visible(&over), None);
     }
+
+    #[test]
+    fn a_trend_is_told_that_changes_the_fault_by_a_tenth() {
+        let stories =
+            stories(&Watch::new(vec![spell(0, 10, None, "dried_nozzle")]), &Rates::default());
+        // viscosity x 1.5 is .5 off no fault: .05 in two days
+        let of = |per_day: f64, ended_with_all: bool| Story {
+            severity_last: Some(1.5),
+            trend: Some(Trend {
+                per_day,
+                interval: [0.9 * per_day, 1.1 * per_day],
+                span_days: 2.0,
+            }),
+            ended_with_all,
+            ..stories[0].clone()
+        };
+        assert!(certain_trend(&of(0.026, false)).is_some());
+        assert!(certain_trend(&of(0.024, false)).is_none());
+        // and what ends as all channels move is not called healthy
+        let over = |with_all| Story { ended_at_ns: Some(20), ..of(0.0, with_all) };
+        let said = [true, false].map(|with_all| {
+            let faults = Fault::of_channel(vec![over(with_all)], &ReportSettings::default());
+            faults[0].sentence.contains("healthy since")
+        });
+        assert_eq!(said, [false, true]);
+    }
 }

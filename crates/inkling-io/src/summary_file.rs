@@ -14,7 +14,7 @@ use std::path::{Path, PathBuf};
 
 /// The models of a long recording and all damage that a summary lists take less.
 const MOST_BYTES: u64 = 64 << 20;
-const OF_RECORDING: [&str; 9] = [
+const OF_RECORDING: [&str; 10] = [
     "recording",
     "counts",
     "expected",
@@ -24,6 +24,7 @@ const OF_RECORDING: [&str; 9] = [
     "odd_times",
     "wrong_times",
     "head_changes",
+    "moved_together",
 ];
 const OF_MODEL: [&str; 4] = ["printhead", "valid_from", "temperature_c", "poles"];
 
