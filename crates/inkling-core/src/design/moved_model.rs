@@ -34,6 +34,9 @@ impl HealthyModel {
         let per_k = self.features_per_k(&fitter);
         let there = Features::from(by + warmer * per_k);
         let size = there.ln_amplitude.exp();
+        // A gain enlarges noise, and what rings leave, as the rings; a larger drive does not, but lets its signals pass
+        // for nothing worse. Of a quieter head the noise may be as it was.
+        let louder = size.max(1.0);
 
         let ring = Ring {
             amplitude: ring.amplitude * size,
@@ -54,9 +57,11 @@ impl HealthyModel {
         moved.leftover.iter_mut().for_each(|left| *left *= size);
         moved.expected.iter_mut().zip(&moved.leftover).for_each(|(y, left)| *y += left);
         moved.sensitivity = match &self.sensitivity {
-            Some(of) => Some(of.moved(&tangent.columns(0, 3).into_owned())?),
+            Some(of) => Some(of.moved(&tangent.columns(0, 3).into_owned(), louder)?),
             None => None,
         };
+
+        moved.misfit = moved.misfit.map(|of| of.louder(louder));
 
         // what temperature does to the ring it does from there on; what it does beside the ring stays
         let [here, there] = [fitter.tangent(&Features::HEALTHY), tangent].map(|of| of * per_k);

@@ -54,6 +54,12 @@ impl Misfit {
         square / self.square
     }
 
+    /// The test of signals that are `times` as large, noise and all, as those of another gain are.
+    pub fn louder(self, times: f64) -> Misfit {
+        let (root, root_sd) = (times * self.root, times * self.root_sd);
+        Misfit { square: times * times * self.square, root, root_sd, ..self }
+    }
+
     pub fn settled_square(&self) -> f64 {
         let sds = SECOND_LOOK_SDS.min(self.threshold.value.sqrt());
         (self.root + self.root_sd * sds).powi(2)

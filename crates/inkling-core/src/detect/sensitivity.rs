@@ -102,9 +102,11 @@ impl Sensitivity {
         (self.noise[0][0] / square).sqrt()
     }
 
-    /// The sensitivity after a change that all channels share. `tangent`: N x 3, of the changed ring.
-    pub fn moved(&self, tangent: &DMatrix<f64>) -> Option<Sensitivity> {
-        Some(Sensitivity::new(tangent, self.noise_of_one_sample())?.with_spread_of(self))
+    /// The sensitivity after a change that all channels share. `tangent`: N x 3, of the changed ring; `louder`: how many
+    /// times as large the noise is.
+    pub fn moved(&self, tangent: &DMatrix<f64>, louder: f64) -> Option<Sensitivity> {
+        let noise = louder * self.noise_of_one_sample();
+        Some(Sensitivity::new(tangent, noise)?.with_spread_of(self))
     }
 
     pub fn with_spread_of(self, other: &Sensitivity) -> Sensitivity {
