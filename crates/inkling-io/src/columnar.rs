@@ -8,19 +8,19 @@
 //! Files may be hostile: claimed sizes are checked before a library allocates by them
 //! (`parquet_file`), and a panic of a library becomes an error.
 
-use super::arrow_cells::{self, counted, inside, is_list, is_list_of_lists, unit};
+use super::arrow_cells::{self, counted, inside, is_list, is_list_of_lists, unit_ns};
 use super::file_error::FileError;
 use super::mcap_records::MAGIC;
 use super::parquet_file::{self, ParquetFile};
-use super::table_file::{
-    ChosenColumns, Columns, Decay, MOST_CELLS, Moment, Rows, Table, choose_columns, unread,
-};
+use super::table_columns::{ChosenColumns, Columns, choose_columns};
+use super::table_file::{Decay, MOST_CELLS, Moment, Rows, Table, unread};
+use super::time_column::TimeUnit;
 use super::unpanicked::unpanicked;
-use super::{Limits, printable, regular_file, result_file, time_column, unread_file};
+use super::{Limits, printable, regular_file, result_file, unread_file};
 use arrow_array::cast::AsArray;
 use arrow_array::types::{Decimal128Type, Int64Type};
 use arrow_array::{Array, ArrayRef, RecordBatchReader as _};
-use arrow_schema::{DataType, TimeUnit};
+use arrow_schema::DataType;
 use parquet::arrow::arrow_reader::{ArrowReaderOptions, ParquetRecordBatchReader};
 use std::path::Path;
 
@@ -111,7 +111,7 @@ fn read_batches(path: &Path, columns: &Columns) -> Result<Table, FileError> {
         return Err(FileError::failed(path, "no rows"));
     }
     // the type of a time beats the column's name
-    let of_type = chosen.time.and_then(|c| unit(type_of(c))).map(of_arrow);
+    let of_type = chosen.time.and_then(|c| TimeUnit::of_ns(unit_ns(type_of(c))? as f64));
     if of_type.is_some() && columns.unit.is_some() {
         let what = "--time-unit has no effect: the type of the column says its unit";
         return Err(FileError::mistaken(path, what));
@@ -121,11 +121,8 @@ fn read_batches(path: &Path, columns: &Columns) -> Result<Table, FileError> {
     // where a column holds several channels, the column's name is no channel's name
     let several = chosen.outputs.iter().any(|&c| is_list_of_lists(type_of(c)));
     // `rows` gives no table if it is empty; then the table is that of the bursts
-    let table = rows.table(unit).unwrap_or_else(|| Table {
-        decays: bursts,
-        rows_are_bursts: true,
-        ..chosen.table(unit)
-    });
+    let of_bursts = || Table { rows_are_bursts: true, decays: bursts, ..Table::of(&chosen, unit) };
+    let table = rows.table(unit).unwrap_or_else(of_bursts);
     Ok(if several { Table { outputs: Vec::new(), ..table } } else { table })
 }
 
@@ -191,16 +188,6 @@ impl Row<'_> {
         time.transpose()?.into_iter().for_each(|time| burst.push_time(time));
         Ok(burst)
     }
-}
-
-fn of_arrow(unit: TimeUnit) -> time_column::TimeUnit {
-    let word = match unit {
-        TimeUnit::Nanosecond => "ns",
-        TimeUnit::Microsecond => "us",
-        TimeUnit::Millisecond => "ms",
-        TimeUnit::Second => "s",
-    };
-    time_column::TimeUnit::called(word).unwrap_or(time_column::TimeUnit::SECONDS)
 }
 
 /// The samples of a row of lists, channel by channel.
@@ -329,6 +316,6 @@ mod tests {
     #[test]
     fn a_column_of_several_channels_is_no_channels_name_and_the_type_of_a_time_beats_its_name() {
         assert!(two_channels("t").outputs.is_empty());
-        assert_eq!(two_channels("t_ms").unit, Some(time_column::TimeUnit::SECONDS));
+        assert_eq!(two_channels("t_ms").unit, Some(TimeUnit::SECONDS));
     }
 }

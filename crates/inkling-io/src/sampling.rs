@@ -6,26 +6,26 @@
 //!
 //! Without resampling: each decay's period is the least-squares slope of its times
 //! (`fitted_period`); all periods must agree to 1e-3; the median is the common period; then each
-//! time must lie within 3 % of a period from a regular grid (`as_written`). So times written with
+//! time must lie within 3 % of a period from a regular grid (`move_to_grid`). So times written with
 //! few digits (33 and 34 ms for 1/30 s) are regular. With resampling: the period is the usual step
 //! (`median_step`), unless steps differ by rounding, and each output is interpolated by a natural cubic
-//! spline through the samples that are there (`resampled`). Before either, exports of several acquisitions
-//! in one table are cut
-//! (`segments.rs`).
+//! spline through the samples that are there (`interpolate`). Before either, exports of several acquisitions
+//! in one table are cut (`segments.rs`), and times that no period could fit are refused (`sampling_times.rs`).
 
+pub use super::sampling_times::TimeColumn;
+
+use super::sampling_times::{
+    FEWEST_SAMPLES, MOST_OFF_GRID, check, check_gaps, fitted_period, median_step, rounded,
+};
 use super::segments;
 use super::spline::Spline;
 use super::table_file::Decay;
-use super::time_column::has_word_for_time;
 use inkling_core::model::median::median;
 
-/// How far a time may lie from the regular grid, in sample periods.
-const MOST_OFF_GRID: f64 = 0.03;
 /// How much the sample period of a decay may differ from the table's median period, relative.
 const MOST_PERIOD_DIFFERENCE: f64 = 1e-3;
 /// Most samples of one signal that a recording may hold.
 pub const MOST_SAMPLES: usize = 65_536;
-const FEWEST_SAMPLES: usize = 4;
 
 /// Decays on one sample period, and what had to be done for that.
 #[derive(Clone, Debug, Default)]
@@ -53,72 +53,50 @@ impl Sampled {
     }
 }
 
-/// The column of times.
-#[derive(Clone, Copy, Debug)]
-pub struct TimeColumn<'a> {
-    pub name: &'a str,
-    /// The unit of its times, s.
-    pub unit_s: f64,
-}
-
-impl TimeColumn<'_> {
-    /// What to do about times with too few digits: their rows are samples one after the other.
-    fn by_rows(self, decay: &Decay) -> String {
-        let (TimeColumn { name, unit_s }, times) = (self, &decay.times);
-        let last = times.len().saturating_sub(1);
-        let mean = (times[last] - times[0]) / last as f64 * unit_s;
-        let mean = if mean > 0.0 { format!(" {}", rounded(mean)) } else { String::new() };
-        let and = match has_word_for_time(name) {
-            true => String::new(),
-            false => format!(" with --time {name:?}"),
-        };
-        format!(
-            "--period-s{mean}{and} takes rows as samples one after the other, so many seconds apart"
-        )
-    }
-}
-
 pub fn sample(decays: Vec<Decay>, time: TimeColumn, resample: bool) -> Result<Sampled, String> {
-    let (decays, segments) = segments::cut(decays);
-    decays.iter().try_for_each(|decay| check(decay, time))?;
+    let (mut decays, segments) = segments::cut(decays);
+    for decay in &decays {
+        check(decay, time).map_err(refused(decay))?;
+    }
+    // a decay that lacks rows is told before periods are compared, since its fitted one is none
+    for decay in decays.iter().filter(|_| !resample) {
+        check_gaps(decay).map_err(refused(decay))?;
+    }
+
+    // the common period; without resampling, all decays must already have it
     let period = |decay: &Decay| match resample && !segments::are_rounded(decay) {
         true => median_step(&decay.times),
         false => fitted_period(&decay.times),
     };
     let periods: Vec<f64> = decays.iter().map(period).collect();
-    // A decay that lacks rows is told before periods are compared, since its fitted one is none.
-    let lacking = |decay: &Decay| missing(decay).map(|what| refused(decay, what));
-    if !resample && let Some(refusal) = decays.iter().find_map(lacking) {
-        return Err(refusal);
-    }
-
-    // the common period; without resampling, all decays must already have it
     let common = median(&mut periods.clone());
     let differs = |own: f64| (own / common - 1.0).abs() > MOST_PERIOD_DIFFERENCE;
     let other = decays.iter().zip(&periods).find(|(_, own)| !resample && differs(**own));
     if let Some((decay, own)) = other {
         let (own, common) = (rounded(*own), rounded(common));
         let what = format!("sampled every {own} time units, others every {common}");
-        return Err(refused(decay, format!("{what}; --resample puts all on one sample period")));
+        return Err(refused(decay)(format!("{what}; --resample puts all on one sample period")));
     }
 
     let mut sampled =
         Sampled { period: common, missing: cells_missing(&decays), segments, ..Sampled::default() };
-    for decay in decays {
-        let regular = match resample {
-            true => resampled(decay, common, &mut sampled)?,
-            false => as_written(decay, common, time, &mut sampled)?,
+    for decay in &mut decays {
+        let moved = match resample {
+            true => interpolate(decay, common, &mut sampled),
+            false => move_to_grid(decay, common, time, &mut sampled),
         };
-        sampled.decays.push(regular);
+        moved.map_err(refused(decay))?;
     }
-    Ok(sampled)
+    Ok(Sampled { decays, ..sampled })
 }
 
 /// The decays of a table whose rows count as samples one after the other; of their times only gaps between
 /// acquisitions count.
 pub fn as_listed(decays: Vec<Decay>) -> Result<Sampled, String> {
     let (decays, segments) = segments::cut(decays);
-    decays.iter().try_for_each(|decay| too_long(decay, decay.times.len()))?;
+    for decay in &decays {
+        check_length(decay.times.len()).map_err(refused(decay))?;
+    }
     let missing = cells_missing(&decays);
     Ok(Sampled { period: 1.0, missing, decays, segments, ..Sampled::default() })
 }
@@ -127,61 +105,13 @@ fn grid(start: f64, period: f64, samples: usize) -> Vec<f64> {
     (0..samples).map(|k| start + k as f64 * period).collect()
 }
 
-fn refused(decay: &Decay, what: String) -> String {
-    match decay.name.as_str() {
+/// Says of which decay it is that something is wrong.
+fn refused(decay: &Decay) -> impl Fn(String) -> String {
+    let Decay { name, line, .. } = decay;
+    move |what| match name.as_str() {
         "" => format!("the table: {what}"),
-        name => format!("burst {name:?} (from line {}): {what}", decay.line),
+        name => format!("burst {name:?} (from line {line}): {what}"),
     }
-}
-
-/// Refuses a decay that is too short, whose times do not increase, or whose times are so large that
-/// f64 cannot hold steps of 3 % of a period. `time`: the name of the column of times.
-fn check(decay: &Decay, time: TimeColumn) -> Result<(), String> {
-    let n = decay.times.len();
-    if n < FEWEST_SAMPLES {
-        let what = format!("{n} samples; a decay needs {FEWEST_SAMPLES} at least");
-        return Err(refused(decay, what));
-    }
-
-    if let Some(k) = (1..n).find(|&k| decay.times[k] <= decay.times[k - 1]) {
-        let [before, after] = [k - 1, k].map(|k| decay.time(k).unwrap_or_default());
-        let name = time.name;
-        if let Some(rows) = segments::rows_of_each(&decay.times) {
-            let what = format!(
-                "each time of {name:?} stands in {rows} rows: keep one row of each time, with a column for each channel"
-            );
-            return Err(refused(decay, what));
-        }
-        let again = segments::standing(&decay.times);
-        if again > 0 {
-            let what = format!(
-                "{name:?} has too few digits: {again} of its {n} times are those of the row before, such as \
-                 {after}; {}",
-                time.by_rows(decay)
-            );
-            return Err(refused(decay, what));
-        }
-        let what = format!(
-            "{name:?} does not increase at its row {}: {after} after {before}; sort the rows, or name \
-             the column that tells decays apart with --burst (time: --time)",
-            k + 1
-        );
-        return Err(refused(decay, what));
-    }
-
-    let (last, step) = (decay.times[n - 1].abs(), median_step(&decay.times));
-    let rounding = last * f64::EPSILON;
-    if rounding > MOST_OFF_GRID * step {
-        let what = format!(
-            "times such as {last} are numbers that hold steps of {} at best, not those of {} between samples: {}; or \
-             write times since the decay began",
-            rounded(rounding),
-            rounded(step),
-            time.by_rows(decay)
-        );
-        return Err(refused(decay, what));
-    }
-    Ok(())
 }
 
 /// How many cells have no value. A signal with such a cell cannot be judged, unless the cell is interpolated.
@@ -189,49 +119,23 @@ fn cells_missing(decays: &[Decay]) -> usize {
     decays.iter().flat_map(|d| &d.outputs).flatten().filter(|y| y.is_nan()).count()
 }
 
-/// The sample period of regular times, in their unit: the slope of the times t_k over their numbers
-/// k by least squares, sum (k - mean k)(t_k - mean t) / sum (k - mean k)^2, so that the rounding of
-/// written times averages out.
-pub(super) fn fitted_period(times: &[f64]) -> f64 {
-    let n = times.len() as f64;
-    let (mean_k, mean_t) = ((n - 1.0) / 2.0, times.iter().sum::<f64>() / n);
-    let (mut kt, mut kk) = (0.0, 0.0);
-    for (k, t) in times.iter().enumerate() {
-        let k = k as f64 - mean_k;
-        kt += k * (t - mean_t);
-        kk += k * k;
+fn check_length(samples: usize) -> Result<(), String> {
+    match samples > MOST_SAMPLES {
+        true => Err(format!(
+            "{samples} samples; a recording holds {MOST_SAMPLES} per signal: cut the decay off earlier, \
+             or thin it out"
+        )),
+        false => Ok(()),
     }
-    kt / kk
 }
 
-/// The sample period of times with gaps: the median step, refined. If every step is (to 0.1) a
-/// multiple of the median step, each time t has a number k on a grid from the first time on, and
-/// the period is sum k (t - t_0) / sum k^2 (least squares). If not, the times are irregular, and
-/// the median step itself is given.
-fn median_step(times: &[f64]) -> f64 {
-    let mut steps: Vec<f64> = times.windows(2).map(|w| w[1] - w[0]).collect();
-    let step = median(&mut steps);
-    let (mut kt, mut kk) = (0.0, 0.0);
-    let mut k = 0.0;
-    for pair in times.windows(2) {
-        let steps = ((pair[1] - pair[0]) / step).round();
-        if ((pair[1] - pair[0]) / step - steps).abs() > 0.1 {
-            return step; // no multiple of the usual step: the times are irregular
-        }
-        k += steps;
-        kt += k * (pair[1] - times[0]);
-        kk += k * k;
-    }
-    if kk > 0.0 { kt / kk } else { step }
-}
-
-/// A decay whose samples stay as they are, moved to the nearest regular grid of this period.
-fn as_written(
-    decay: Decay,
+/// Moves the times of a decay to the nearest regular grid of this period; its samples stay as they are.
+fn move_to_grid(
+    decay: &mut Decay,
     period: f64,
     time: TimeColumn,
     so_far: &mut Sampled,
-) -> Result<Decay, String> {
+) -> Result<(), String> {
     let n = decay.times.len();
     // the grid has the same mean as the times, so that no rounding of the first time shifts it
     let centre = decay.times.iter().sum::<f64>() / n as f64;
@@ -246,88 +150,28 @@ fn as_written(
     }
 
     if off(worst).abs() > MOST_OFF_GRID {
-        let steps = decay.times.windows(2).map(|w| w[1] - w[0]);
-        let (least, most) =
-            steps.fold((f64::INFINITY, 0.0_f64), |(l, m), step| (l.min(step), m.max(step)));
-        let (least, most) = (rounded(least), rounded(most));
-        if segments::are_rounded(&decay) {
-            let by_rows = time.by_rows(&decay);
-            let what =
-                format!("times with too few digits: steps from {least} to {most}; {by_rows}");
-            return Err(refused(&decay, what));
-        }
-        let what = format!(
-            "irregular sampling: steps from {least} to {most}; {uneven} of {n} times lie more than \
-             {MOST_OFF_GRID} of a period from a regular grid, furthest {} (its row {}, {:.2} periods \
-             off); --resample interpolates to a regular one",
-            decay.time(worst).unwrap_or_default(),
-            worst + 1,
-            off(worst)
-        );
-        return Err(refused(&decay, what));
+        let (least, most) = segments::span(decay.times.windows(2).map(|w| w[1] - w[0]));
+        let steps = format!("steps from {} to {}", rounded(least), rounded(most));
+        return Err(match segments::are_rounded(decay) {
+            true => format!("times with too few digits: {steps}; {}", time.by_rows(decay)),
+            false => format!(
+                "irregular sampling: {steps}; {uneven} of {n} times lie more than {MOST_OFF_GRID} of a period from a \
+                 regular grid, furthest {} (its row {}, {:.2} periods off); --resample interpolates to a regular one",
+                decay.time(worst).unwrap_or_default(),
+                worst + 1,
+                off(worst)
+            ),
+        });
     }
-    too_long(&decay, n)?;
+    check_length(n)?;
     so_far.most_off_grid = so_far.most_off_grid.max(off(worst).abs());
-    Ok(Decay { times: grid(start, period, n), ..decay })
+    decay.times = grid(start, period, n);
+    Ok(())
 }
 
-/// Says in words where rows are missing, if the times lie on a grid except for missing rows.
-fn missing(decay: &Decay) -> Option<String> {
-    const MOST_TOLD: usize = 3;
-    let times = &decay.times;
-    let period = median_step(times);
-    let (mut gaps, mut count, mut k) = (Vec::new(), 0, 0.0);
-    for (at, pair) in times.windows(2).enumerate() {
-        let steps = ((pair[1] - pair[0]) / period).round();
-        k += steps;
-        // twice the usual distance, because the period is estimated from the same times (heuristic)
-        if steps < 1.0 || ((pair[1] - times[0]) / period - k).abs() > 2.0 * MOST_OFF_GRID {
-            return None;
-        }
-        if steps > 1.0 {
-            count += steps as usize - 1;
-            gaps.extend(decay.time(at));
-        }
-    }
-    let told: Vec<String> = gaps.iter().take(MOST_TOLD).map(|t| format!("after t = {t}")).collect();
-    let more = match gaps.len().saturating_sub(MOST_TOLD) {
-        0 => String::new(),
-        more => format!(" and at {more} more places"),
-    };
-    let samples = if count == 1 { "sample" } else { "samples" };
-    // what lies between acquisitions was not sampled: none of it may be interpolated
-    let are_equal = gaps.len() > 1 && segments::length(times, 1.5).is_some();
-    let advice = match are_equal || count > times.len() {
-        true => {
-            "if acquisitions end there, each needs a table of its own, or a column that --burst names"
-        }
-        false => "--resample interpolates them",
-    };
-    (count > 0 && !segments::are_rounded(decay)).then(|| {
-        format!(
-            "{count} {samples} missing {}{more} of times every {}; {advice}",
-            told.join(", "),
-            rounded(period)
-        )
-    })
-}
-
-/// A number with six significant digits, for errors.
-fn rounded(x: f64) -> f64 {
-    format!("{x:.5e}").parse().unwrap_or(x)
-}
-
-fn too_long(decay: &Decay, samples: usize) -> Result<(), String> {
-    let what = format!(
-        "{samples} samples; a recording holds {MOST_SAMPLES} per signal: cut the decay off earlier, \
-         or thin it out"
-    );
-    if samples > MOST_SAMPLES { Err(refused(decay, what)) } else { Ok(()) }
-}
-
-/// A decay interpolated over the time that all its outputs cover: nothing is extrapolated. `so_far`
+/// Interpolates a decay over the time that all its outputs cover: nothing is extrapolated. `so_far`
 /// counts the samples that have no written sample within 3 % of a period.
-fn resampled(decay: Decay, period: f64, so_far: &mut Sampled) -> Result<Decay, String> {
+fn interpolate(decay: &mut Decay, period: f64, so_far: &mut Sampled) -> Result<(), String> {
     // 1. for each output its samples that are there; the grid spans what all outputs cover
     let mut known = Vec::new();
     let (mut start, mut end) = (f64::NEG_INFINITY, f64::INFINITY);
@@ -335,8 +179,7 @@ fn resampled(decay: Decay, period: f64, so_far: &mut Sampled) -> Result<Decay, S
         let points = decay.times.iter().zip(column).filter(|(_, y)| !y.is_nan());
         let (t, y): (Vec<f64>, Vec<f64>) = points.unzip();
         if t.len() < FEWEST_SAMPLES {
-            let what = format!("an output with {} values: nothing to interpolate", t.len());
-            return Err(refused(&decay, what));
+            return Err(format!("an output with {} values: nothing to interpolate", t.len()));
         }
         (start, end) = (start.max(t[0]), end.min(t[t.len() - 1]));
         known.push((t, y));
@@ -344,24 +187,23 @@ fn resampled(decay: Decay, period: f64, so_far: &mut Sampled) -> Result<Decay, S
     // 2. how many steps fit; 1e-6 more, so that the last sample is not lost to rounding
     let steps = ((end - start) / period + 1e-6).floor();
     if steps.is_nan() || steps + 1.0 < FEWEST_SAMPLES as f64 {
-        let what = "its outputs have no span of time in common".to_owned();
-        return Err(refused(&decay, what));
+        return Err("its outputs have no span of time in common".to_owned());
     }
-    too_long(&decay, steps.min(1e15) as usize + 1)?;
-    let n = steps as usize + 1;
+    check_length(steps.min(1e15) as usize + 1)?;
+    let times = grid(start, period, steps as usize + 1);
     // 3. the spline of each output, read at the grid's times
     let mut outputs = Vec::new();
     for (t, y) in &known {
         let spline = Spline::new(t, y);
-        let grid = (0..n).map(|k| (start + k as f64 * period).min(t[t.len() - 1]));
-        let column = grid.map(|at| {
-            let (value, nearest) = spline.at(at);
+        let column = times.iter().map(|at| {
+            let (value, nearest) = spline.at(at.min(t[t.len() - 1]));
             so_far.interpolated += usize::from(nearest > MOST_OFF_GRID * period);
             value
         });
         outputs.push(column.collect());
     }
-    Ok(Decay { times: grid(start, period, n), outputs, ..decay })
+    (decay.times, decay.outputs) = (times, outputs);
+    Ok(())
 }
 
 #[cfg(test)]
