@@ -14,7 +14,6 @@ use super::decompress::Decompressor;
 use super::mcap_records::{ChunkHeader, MESSAGE_HEADER, RECORD_HEADER};
 use super::source::Source;
 use bytes::Bytes;
-use std::fmt;
 use std::sync::Arc;
 
 pub(super) struct ChunkLoader {
@@ -22,12 +21,6 @@ pub(super) struct ChunkLoader {
     pub(super) limits: Limits,
     decompressor: Decompressor,
     buffers: Buffers,
-}
-
-impl fmt::Debug for ChunkLoader {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("ChunkLoader").field("limits", &self.limits).finish_non_exhaustive()
-    }
 }
 
 /// How many bytes of a block are read: all of them, or only its head if the block is larger than

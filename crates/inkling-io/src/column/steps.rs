@@ -53,15 +53,10 @@ impl StepColumn {
 
         let mut left = more;
         while left > 0 {
-            if self.block.is_empty() && left >= BLOCK {
-                self.end_block_of([step; BLOCK].as_slice());
-                left -= BLOCK;
-            } else {
-                let some = left.min(BLOCK - self.block.len());
-                self.block.resize(self.block.len() + some, step);
-                self.end_full_block();
-                left -= some;
-            }
+            let some = left.min(BLOCK - self.block.len());
+            self.block.resize(self.block.len() + some, step);
+            self.end_full_block();
+            left -= some;
         }
     }
 
