@@ -165,7 +165,7 @@ impl Row<'_> {
     fn moment(&self, c: usize) -> Result<Moment, String> {
         let column = &self.columns[c];
         match column.as_primitive_opt::<Int64Type>().filter(|of| of.is_valid(self.row)) {
-            Some(of) => Ok(of.value(self.row).into()),
+            Some(of) => Ok(Moment { whole: of.value(self.row), rest: 0.0 }),
             None => self.number(c).map(Moment::from),
         }
     }
@@ -224,14 +224,12 @@ fn channels<'a>(
     channels.map(|channel| (0..n).map(|k| sample(&channel, k)).collect()).collect()
 }
 
+/// A cell as a number; NaN where it is null. The error is the type of cells that hold none.
 fn number(array: &ArrayRef, row: usize) -> Result<f64, String> {
+    let (array, row) = resolved(array, row)?;
     let of = || printable::cell(&array.data_type().to_string());
     match array.data_type() {
         _ if array.is_null(row) => Ok(f64::NAN),
-        DataType::Dictionary(..) => {
-            let (values, key) = of_dictionary(array, row)?;
-            number(values, key)
-        }
         DataType::Decimal128(_, scale) => {
             let digits = array.as_primitive::<Decimal128Type>().value(row) as f64;
             Ok(digits / 10f64.powi((*scale).into()))
@@ -240,22 +238,21 @@ fn number(array: &ArrayRef, row: usize) -> Result<f64, String> {
     }
 }
 
-/// Where a cell of a dictionary has its value.
-fn of_dictionary(array: &ArrayRef, row: usize) -> Result<(&ArrayRef, usize), String> {
-    let of = array.as_any_dictionary();
+/// Where a cell has its value: that of a dictionary (pandas' categories) stands among the dictionary's. Keys are looked
+/// up cell by cell, since a column of texts may be far larger without them.
+fn resolved(array: &ArrayRef, row: usize) -> Result<(&ArrayRef, usize), String> {
+    let Some(of) = array.as_any_dictionary_opt().filter(|of| of.is_valid(row)) else {
+        return Ok((array, row));
+    };
     let key = arrow_cells::number(of.keys(), row).filter(|&key| key < of.values().len() as f64);
-    Ok((of.values(), key.ok_or("dictionary without that key")? as usize))
+    resolved(of.values(), key.ok_or("dictionary without that key")? as usize)
 }
 
-/// A cell as a text, empty where it is null. Names are often written as keys into a dictionary (pandas'
-/// categories); these are looked up cell by cell, since a column of them may be far larger as texts.
+/// A cell as a text, empty where it is null.
 fn text(array: &ArrayRef, row: usize) -> Result<String, String> {
+    let (array, row) = resolved(array, row)?;
     match array.data_type() {
         _ if array.is_null(row) => Ok(String::new()),
-        DataType::Dictionary(..) => {
-            let (values, key) = of_dictionary(array, row)?;
-            text(values, key)
-        }
         DataType::Utf8 => Ok(array.as_string::<i32>().value(row).to_owned()),
         DataType::LargeUtf8 => Ok(array.as_string::<i64>().value(row).to_owned()),
         DataType::Utf8View => Ok(array.as_string_view().value(row).to_owned()),

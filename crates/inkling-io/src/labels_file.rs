@@ -218,12 +218,10 @@ fn time(column: &str, text: &str) -> Result<Option<i64>, String> {
     })
 }
 
-fn rfc_3339(ns: i64) -> String {
-    DateTime::from_timestamp_nanos(ns).to_rfc3339_opts(SecondsFormat::Nanos, true)
-}
-
 pub fn write(path: &Path, labels: &[Label]) -> Result<(), FileError> {
-    let time = |ns: Option<i64>| ns.map_or(String::new(), rfc_3339);
+    let rfc_3339 = |time: DateTime<_>| time.to_rfc3339_opts(SecondsFormat::Nanos, true);
+    let time =
+        |ns: Option<i64>| ns.map(DateTime::from_timestamp_nanos).map_or(String::new(), rfc_3339);
     let row = |label: &Label| {
         [
             label.printhead.clone(),

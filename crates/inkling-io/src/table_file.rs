@@ -50,12 +50,6 @@ impl From<f64> for Moment {
     }
 }
 
-impl From<i64> for Moment {
-    fn from(whole: i64) -> Moment {
-        Moment { whole, rest: 0.0 }
-    }
-}
-
 impl Moment {
     /// A time in ns as one in units of so many ns.
     pub fn of_ns(ns: i64, unit_ns: f64) -> Moment {

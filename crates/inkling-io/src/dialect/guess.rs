@@ -325,12 +325,11 @@ impl Guess<'_> {
         if let Some(path) = find(self.first.fields, &PRINTHEAD, Slot::Text) {
             return self.say("printhead", &quoted(&format!("{{{path}}}")), "");
         }
-        let parts = self.topic.trim_start_matches('/').split('/').count();
         // topics that differ in their channel say the printhead elsewhere
-        let of_topic: Vec<&str> = self.topic.trim_start_matches('/').split('/').collect();
-        let is_channel = |part: &usize| has_word(of_topic[*part], CHANNEL_WORDS);
+        let parts: Vec<&str> = self.topic.trim_start_matches('/').split('/').collect();
+        let is_channel = |part: &usize| has_word(parts[*part], CHANNEL_WORDS);
         let part = varies.filter(|part| *part == 0 || !is_channel(part));
-        let part = part.or_else(|| varies?.checked_sub(1)).unwrap_or(usize::from(parts > 1));
+        let part = part.or_else(|| varies?.checked_sub(1)).unwrap_or(usize::from(parts.len() > 1));
         let part = format!("\"{{topic.{part}}}\"");
         self.say("printhead", &part, "? this part of the topic, from 0");
     }
