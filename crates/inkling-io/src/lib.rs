@@ -22,7 +22,6 @@
 //! people      labels_file
 //! made by other verbs than replay  design_file truth_file
 //! places      inputs outputs layout job journal run_lock part_file stored objects regular_file stamp
-//!             pieces buffers
 //! what is told  file_error printable
 //! ```
 
@@ -31,7 +30,6 @@ mod arrow_cells;
 pub mod baseline_file;
 pub mod block;
 pub mod block_reader;
-mod buffers;
 pub mod burst_codec;
 pub mod census;
 mod channels;
@@ -67,7 +65,6 @@ mod parquet_claims;
 mod parquet_file;
 pub mod part_file;
 pub mod peek;
-mod pieces;
 pub mod plain_columns;
 pub mod printable;
 pub mod recording;

@@ -20,7 +20,7 @@ use super::sampling_times::{
 use super::segments;
 use super::spline::Spline;
 use super::table_file::Decay;
-use inkling_core::model::median::median;
+use inkling_core::model::median::median_of;
 
 /// How much the sample period of a decay may differ from the table's median period, relative.
 const MOST_PERIOD_DIFFERENCE: f64 = 1e-3;
@@ -69,7 +69,7 @@ pub fn sample(decays: Vec<Decay>, time: TimeColumn, resample: bool) -> Result<Sa
         false => fitted_period(&decay.times),
     };
     let periods: Vec<f64> = decays.iter().map(period).collect();
-    let common = median(&mut periods.clone());
+    let common = median_of(periods.iter().copied());
     let differs = |own: f64| (own / common - 1.0).abs() > MOST_PERIOD_DIFFERENCE;
     let other = decays.iter().zip(&periods).find(|(_, own)| !resample && differs(**own));
     if let Some((decay, own)) = other {

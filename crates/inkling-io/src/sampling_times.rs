@@ -6,7 +6,7 @@
 use super::segments;
 use super::table_file::Decay;
 use super::time_column::has_word_for_time;
-use inkling_core::model::median::median;
+use inkling_core::model::median::median_of;
 
 /// How far a time may lie from the regular grid, in sample periods.
 pub(super) const MOST_OFF_GRID: f64 = 0.03;
@@ -101,8 +101,7 @@ pub(super) fn fitted_period(times: &[f64]) -> f64 {
 /// the period is sum k (t - t_0) / sum k^2 (least squares). If not, the times are irregular, and
 /// the median step itself is given.
 pub(super) fn median_step(times: &[f64]) -> f64 {
-    let mut steps: Vec<f64> = times.windows(2).map(|w| w[1] - w[0]).collect();
-    let step = median(&mut steps);
+    let step = median_of(times.windows(2).map(|w| w[1] - w[0]));
     let (mut kt, mut kk) = (0.0, 0.0);
     let mut k = 0.0;
     for pair in times.windows(2) {
