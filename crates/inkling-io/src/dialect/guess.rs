@@ -54,23 +54,20 @@ pub fn guess(written: &ChannelDescription, message: &Bytes, topics: &[&str]) -> 
     let first = FirstMessage { message: &message, fields: &fields };
     let (field, samples) = first.likely_samples().filter(|(of, _)| !first.is_one_of_several(of))?;
 
-    let toml = String::from("[[input.dialect]]\n");
-    let mut guess = Guess { topic: written.topic, first: &first, samples: &samples, toml };
+    let (toml, open) = (String::from("[[input.dialect]]\n"), Vec::new());
+    let mut guess = Guess { topic: written.topic, first: &first, samples: &samples, toml, open };
     guess.say_all(written.schema, field, topics);
-    let toml = guess.toml;
+    let Guess { toml, open, .. } = guess;
 
     let there = fields.iter().filter(|field| field.kind != Kind::Message).take(MOST_SHOWN);
     let fields = there.map(|field| first.shown(field)).collect();
-    let open = |line: &str| {
-        let (key, value) = line.split_once(" = ")?;
-        value.starts_with(QUESTION).then(|| key.to_owned())
-    };
-    Some(Proposal { open: toml.lines().filter_map(open).collect(), toml, fields })
+    Some(Proposal { toml, open, fields })
 }
 
 #[derive(Clone, Debug)]
 pub struct Proposal {
     pub toml: String,
+    /// The keys that only a person can fill in.
     pub open: Vec<String>,
     /// The fields of the first message, for the user to choose from.
     pub fields: Vec<ShownField>,
@@ -81,6 +78,7 @@ struct Guess<'a> {
     first: &'a FirstMessage<'a>,
     samples: &'a MessageSamples,
     toml: String,
+    open: Vec<String>,
 }
 
 /// A field whose whole number `n` divides the number of samples, so that `n` may be the channels or
@@ -205,6 +203,7 @@ impl Guess<'_> {
     fn say(&mut self, key: &str, value: &str, comment: &str) {
         let comment = if comment.is_empty() { String::new() } else { format!("  # {comment}") };
         let _ = writeln!(self.toml, "{key} = {value}{comment}");
+        self.open.extend((value == QUESTION).then(|| key.to_owned()));
     }
 
     /// Writes the field that has one of these names, if there is one; gives whether there is.
