@@ -121,19 +121,9 @@ mod tests {
     }
 
     #[test]
-    fn files_are_known_by_how_they_begin() {
-        for (start, says) in [
-            (&b"#ROSBAG V2.0\n"[..], "ROS 1"),
-            (b"SQLite format 3\0", "ROS 2"),
-            (b"\x89HDF\r\n\x1a\n\0", "HDF5"),
-            (b"MATLAB 5.0 MAT-file, Platform", "MAT file"),
-            (b"RIFF\x24\x08\0\0WAVEfmt ", "WAV"),
-            (b"TDSm\x0e\0", "TDMS"),
-            (&[0x28, 0xb5, 0x2f, 0xfd, 1], "zstd"),
-            (&[0x1f, 0x8b, 8], "gzip"),
-        ] {
+    fn bags_are_known_by_how_they_begin() {
+        for (start, says) in [(&b"#ROSBAG V2.0\n"[..], "ROS 1"), (b"SQLite format 3\0", "ROS 2")] {
             assert!(kind(start).is_some_and(|what| what.contains(says)), "{says}");
         }
-        assert_eq!(kind(b"t,y\n0,1\n"), None);
     }
 }

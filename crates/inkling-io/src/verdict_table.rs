@@ -79,8 +79,10 @@ impl TableError {
 type Out = SerializedFileWriter<BufWriter<File>>;
 
 pub struct VerdictWriter {
-    /// `None` after an append has failed, or while the file is in use here.
-    file: Option<OutFile>,
+    /// `None` after an append has failed, or while the file is in use here or by the thread.
+    file: Option<Box<Out>>,
+    /// The thread, if any, that has the file and appends the row group that ended last.
+    appending: Option<JoinHandle<Result<Box<Out>, ParquetError>>>,
     /// The columns as the file's schema describes them.
     described: Vec<ColumnDescPtr>,
     /// Makes the parquet crate's writers of columns; only that of the weights is used.
@@ -90,13 +92,6 @@ pub struct VerdictWriter {
     group: Option<RowGroup>,
     groups: usize,
     rows: u64,
-}
-
-enum OutFile {
-    /// No thread writes: the file is at hand.
-    Free(Box<Out>),
-    /// A thread has the file, and appends the row group that ended last.
-    Taken(JoinHandle<Result<Box<Out>, ParquetError>>),
 }
 
 struct RowGroup {
@@ -115,9 +110,19 @@ impl VerdictWriter {
             .map_err(TableError::parquet(path))?;
         let of_schema = file.schema_descr();
         let described = (0..of_schema.num_columns()).map(|k| of_schema.column(k)).collect();
-        let file = Some(OutFile::Free(Box::new(file)));
+        let (file, appending) = (Some(Box::new(file)), None);
         let (group, groups, rows) = (None, 0, 0);
-        Ok(VerdictWriter { file, described, factory, part, options, group, groups, rows })
+        Ok(VerdictWriter {
+            file,
+            appending,
+            described,
+            factory,
+            part,
+            options,
+            group,
+            groups,
+            rows,
+        })
     }
 
     pub fn write(&mut self, batch: &Verdicts) -> Result<(), TableError> {
@@ -181,10 +186,10 @@ impl VerdictWriter {
     }
 
     fn file(&mut self) -> Result<Box<Out>, ParquetError> {
-        match self.file.take() {
-            Some(OutFile::Free(file)) => Ok(file),
-            Some(OutFile::Taken(by)) => by.join().unwrap_or_else(|panic| resume_unwind(panic)),
-            None => Err(ParquetError::General("a row group could not be written".into())),
+        let failed = || ParquetError::General("a row group could not be written".into());
+        match self.appending.take() {
+            Some(thread) => thread.join().unwrap_or_else(|panic| resume_unwind(panic)),
+            None => self.file.take().ok_or_else(failed),
         }
     }
 
@@ -194,8 +199,7 @@ impl VerdictWriter {
         self.groups += 1;
         let options = self.options.clone();
         let append = move || group.append_to(&mut file, &options, 1).map(|()| file);
-        let thread = thread::Builder::new().name("row group".into()).spawn(append)?;
-        self.file = Some(OutFile::Taken(thread));
+        self.appending = Some(thread::Builder::new().name("row group".into()).spawn(append)?);
         Ok(())
     }
 }
