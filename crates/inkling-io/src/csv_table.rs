@@ -90,10 +90,9 @@ fn read_rows(text: &mut TextTable, path: &Path, columns: &Columns) -> Result<Tab
     // dates become numbers in the unit of their column, seconds where nothing says one
     let date_unit_ns = unit.unwrap_or(TimeUnit::SECONDS).ns;
     let (mut rows, mut grouped) = (Rows::new(&chosen), Grouped::default());
-    let mut ahead = ahead.into_iter().flatten();
-    while let Some((line, row)) =
-        ahead.next().map_or_else(|| text.next_record().map_err(failed), |row| Ok(Some(row)))?
-    {
+    let behind = std::iter::from_fn(|| text.next_record().map_err(failed).transpose());
+    for row in ahead.into_iter().flatten().map(Ok).chain(behind) {
+        let (line, row) = row?;
         chosen.check_cells(&row).map_err(at(line))?;
         let cell = |c: usize| row.get(c).unwrap_or_default();
         if cells.decimal_comma {
