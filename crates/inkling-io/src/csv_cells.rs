@@ -83,8 +83,11 @@ pub(super) fn no_number(cell: &str, otherwise: &str) -> String {
     format!("{:?} is no number: {advice}", printable::cell(cell))
 }
 
+/// Whether it is the cause, and what to do about it.
+type Cause = (fn(&str) -> bool, &'static str);
+
 /// Why a cell that begins with a digit is no number, the likeliest cause first, and what to do about it.
-const ADVICE: [(fn(&str) -> bool, &str); 4] = [
+const ADVICE: [Cause; 4] = [
     (
         |cell| [':', '/'].into_iter().any(|sign| cell.matches(sign).count() >= 2),
         "write times as 2026-11-01T08:00:00.5, or as seconds",
