@@ -9,7 +9,7 @@
 //! ([`Columns::beside`]) only the first row of each decay is read.
 
 use super::csv_cells::{Cells, Grouped, no_number, unquoted};
-use super::csv_units;
+use super::csv_units::{self, Units};
 use super::file_error::{FileError, line_of};
 use super::table_columns::{ChosenColumns, Columns, choose_columns};
 use super::table_file::{LONGEST_NAME, Rows, Table, unread};
@@ -62,18 +62,9 @@ fn read_rows(text: &mut TextTable, path: &Path, columns: &Columns) -> Result<Tab
     let mut unit = None;
     if let [Some((line, row)), below] = &ahead {
         let below = below.as_ref().map(|(_, row)| row);
-        if let Some(none) = csv_units::no_outputs(row, below, &chosen, cells) {
-            unit = match csv_units::of_time(row, &none, &chosen, columns) {
-                Err(_) if columns.spare_times() => {
-                    chosen.leave_times_out();
-                    None
-                }
-                of_time => of_time.map_err(at(*line))?,
-            };
-            chosen.outputs.retain(|c| !none.contains(c));
-            chosen.left_out.extend(none);
-            csv_units::check_outputs(row, &chosen).map_err(at(*line))?;
-            ahead[0] = None;
+        let units = csv_units::read(row, below, &mut chosen, columns, cells).map_err(at(*line))?;
+        if let Some(Units { of_time }) = units {
+            (unit, ahead[0]) = (of_time, None);
         }
     }
     // with --period-s a column whose times cannot be read is as good as none

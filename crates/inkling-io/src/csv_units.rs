@@ -1,7 +1,7 @@
 //! A row of units, as instruments write it below the names of a table's columns.
 //!
-//! In, from `csv_table.rs`: the row below the names and the one after it. Out: whether it is one of units; then the
-//! unit of the times, and the columns of which it says that they are no outputs.
+//! In, from `csv_table.rs`: the row below the names and the one after it. Out: [`Units`], if it is one of units; and
+//! columns of which it says that they are no outputs are left out.
 
 use super::csv_cells::Cells;
 use super::printable;
@@ -9,9 +9,36 @@ use super::table_columns::{ChosenColumns, Columns};
 use super::time_column::{TimeUnit, numbers_rows};
 use csv::StringRecord;
 
-/// The outputs of which a row of units says that they are none: numbers of rows, and what stands in this row alone.
+/// What a row of units says.
+pub(super) struct Units {
+    /// `None`: nothing that matters.
+    pub of_time: Option<TimeUnit>,
+}
+
 /// `below`: the next row. `None`: the row is one of numbers, or has a cell that is neither.
-pub(super) fn no_outputs(
+pub(super) fn read(
+    row: &StringRecord,
+    below: Option<&StringRecord>,
+    chosen: &mut ChosenColumns,
+    columns: &Columns,
+    cells: Cells,
+) -> Result<Option<Units>, String> {
+    let Some(none) = no_outputs(row, below, chosen, cells) else { return Ok(None) };
+    let of_time = match of_time(row, &none, chosen, columns) {
+        Err(_) if columns.spare_times() => {
+            chosen.leave_times_out();
+            None
+        }
+        of_time => of_time?,
+    };
+    chosen.outputs.retain(|c| !none.contains(c));
+    chosen.left_out.extend(none);
+    check_outputs(row, chosen)?;
+    Ok(Some(Units { of_time }))
+}
+
+/// The outputs of which a row of units says that they are none: numbers of rows, and what stands in this row alone.
+fn no_outputs(
     row: &StringRecord,
     below: Option<&StringRecord>,
     chosen: &ChosenColumns,
@@ -29,7 +56,7 @@ pub(super) fn no_outputs(
 }
 
 /// The unit of the times. An error if the row says none, and no option does.
-pub(super) fn of_time(
+fn of_time(
     row: &StringRecord,
     no_outputs: &[usize],
     chosen: &ChosenColumns,
@@ -68,7 +95,7 @@ fn numbers_there(row: &StringRecord, no_outputs: &[usize], chosen: &ChosenColumn
 }
 
 /// Refuses outputs in several units, such as (mV) and (V): their numbers cannot be compared.
-pub(super) fn check_outputs(units: &StringRecord, chosen: &ChosenColumns) -> Result<(), String> {
+fn check_outputs(units: &StringRecord, chosen: &ChosenColumns) -> Result<(), String> {
     let all = chosen.outputs.iter().filter_map(|c| Some((*c, units.get(*c)?.trim())));
     let mut all = all.filter(|(_, unit)| !unit.is_empty());
     let Some((first, unit)) = all.next() else { return Ok(()) };
