@@ -42,19 +42,22 @@ pub fn number(array: &dyn Array, row: usize) -> Option<f64> {
     )
 }
 
-/// The unit of a column of times or durations; `None` of any other type.
-pub fn unit(of: &DataType) -> Option<TimeUnit> {
-    match of {
-        DataType::Timestamp(unit, _) | DataType::Duration(unit) => Some(*unit),
-        _ => None,
-    }
+/// The unit of a column of times or durations, ns; `None` of any other type.
+pub fn unit_ns(of: &DataType) -> Option<i64> {
+    let (DataType::Timestamp(unit, _) | DataType::Duration(unit)) = of else { return None };
+    Some(match unit {
+        TimeUnit::Nanosecond => 1,
+        TimeUnit::Microsecond => 1_000,
+        TimeUnit::Millisecond => 1_000_000,
+        TimeUnit::Second => 1_000_000_000,
+    })
 }
 
 /// A column of times or durations as the whole numbers (i64, in the column's own unit) that Arrow
 /// stores; any other column as it is.
 pub fn counted(column: &ArrayRef) -> ArrayRef {
     let data = || column.to_data().into_builder().data_type(DataType::Int64).build().ok();
-    unit(column.data_type()).and_then(|_| data()).map_or_else(|| column.clone(), make_array)
+    unit_ns(column.data_type()).and_then(|_| data()).map_or_else(|| column.clone(), make_array)
 }
 
 pub fn is_list(of: &DataType) -> bool {
@@ -157,27 +160,16 @@ impl ReadColumn<'_> {
 
     fn unit_ns(self) -> Result<i64, String> {
         match self.array.data_type() {
-            // other tools may have dropped the type
-            DataType::Timestamp(TimeUnit::Nanosecond, _) | DataType::Int64 => Ok(1),
-            DataType::Timestamp(TimeUnit::Microsecond, _) => Ok(1_000),
-            DataType::Timestamp(TimeUnit::Millisecond, _) => Ok(1_000_000),
-            DataType::Timestamp(TimeUnit::Second, _) => Ok(1_000_000_000),
-            _ => Err(self.unfit(self.array)),
+            DataType::Int64 => Ok(1), // other tools may have dropped the type
+            of => unit_ns(of).ok_or_else(|| self.unfit(self.array)),
         }
     }
 
-    /// The cells as texts.
+    /// The cells as texts. All texts come as dictionaries (`parquet_file.rs`), in which a text may stand several times.
     pub fn texts(self) -> Result<Texts, String> {
-        match self.array.data_type() {
-            DataType::Dictionary(..) => self.of_dictionary(),
-            DataType::Utf8 => Ok(self.array.as_string::<i32>().iter().collect()),
-            DataType::Null => Ok(std::iter::repeat_n(None, self.array.len()).collect()),
-            _ => Err(self.unfit(self.array)),
+        if self.array.data_type() == &DataType::Null {
+            return Ok(Texts { keys: vec![None; self.array.len()], values: Vec::new() });
         }
-    }
-
-    /// The texts of a dictionary, each of which may stand in it several times.
-    fn of_dictionary(self) -> Result<Texts, String> {
         let dictionary = self.array.as_dictionary_opt::<Int32Type>();
         let dictionary = dictionary.ok_or_else(|| self.unfit(self.array))?;
         let texts = dictionary.values().as_string_opt::<i32>();
@@ -240,7 +232,6 @@ impl ReadColumn<'_> {
 
 /// A column of texts. `keys` has for each row the index of its text in `values`, `None` where the
 /// row is null; `values` has each distinct text once, in the order of first appearance.
-#[derive(Default)]
 pub struct Texts {
     pub keys: Vec<Option<u32>>,
     pub values: Vec<String>,
@@ -249,26 +240,5 @@ pub struct Texts {
 impl Texts {
     pub fn cells(self) -> Vec<Option<String>> {
         self.keys.iter().map(|key| Some(self.values[(*key)? as usize].clone())).collect()
-    }
-}
-
-impl<'a> FromIterator<Option<&'a str>> for Texts {
-    fn from_iter<I: IntoIterator<Item = Option<&'a str>>>(texts: I) -> Texts {
-        let (mut index, mut values) = (HashMap::new(), Vec::new());
-        // texts mostly repeat the one before
-        let mut last = None;
-        let mut key = |text: &'a str| match last {
-            Some((before, key)) if before == text => key,
-            _ => {
-                let key = *index.entry(text).or_insert_with(|| {
-                    values.push(text.to_owned());
-                    values.len() as u32 - 1
-                });
-                last = Some((text, key));
-                key
-            }
-        };
-        let keys = texts.into_iter().map(|text| text.map(&mut key)).collect();
-        Texts { keys, values }
     }
 }

@@ -40,7 +40,6 @@ pub struct Piece {
     pub last: bool,
 }
 
-#[derive(Debug)]
 pub struct BlockReader {
     loader: ChunkLoader,
     decoder: BurstDecoder,

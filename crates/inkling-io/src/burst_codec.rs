@@ -8,7 +8,7 @@
 //! one rejected row. It never fails otherwise.
 //!
 //! The steps of [`BurstDecoder::decode`]: parse the message; take first channel, time and name into
-//! a head that stays even if a later step fails; then `check` that the numbers fit each other,
+//! a head that stays even if a later step fails; then check (`checked`) that the numbers fit each other,
 //! the limits and the length of the samples. `dialect::decoder` makes bursts of other loggers'
 //! messages with the same head, check and reasons.
 
@@ -111,12 +111,8 @@ impl BurstDecoder {
         topic_printhead: &Arc<str>,
     ) -> Acquisition {
         let mut head = unread(log_time_ns, topic_printhead, Reason::Undecodable);
-        match self.burst(message, log_time_ns, &mut head) {
-            Ok(burst) => Acquisition::Usable(burst),
-            Err(NoBurst { why, what }) => {
-                Acquisition::Unusable(UnusableBurst { why, what, ..head })
-            }
-        }
+        let burst = self.burst(message, log_time_ns, &mut head);
+        acquisition(burst, head)
     }
 
     fn burst(
@@ -137,20 +133,8 @@ impl BurstDecoder {
         })?;
         take_name(head, &message.printhead, &mut self.names)?;
 
-        // covariates of the wrong number belong to no channel: they are dropped, the burst stays
         let format = message.format.try_into().map_err(|_| Reason::UnknownFormat)?;
         let layout = message.layout.try_into().map_err(|_| Reason::UnknownLayout)?;
-        let channels = message.channels as usize;
-        let mut idle_time_s = std::mem::take(&mut message.idle_time_s);
-        if ![0, 1, channels].contains(&idle_time_s.len()) {
-            // one value is that of all channels; of any other number nobody knows whose they are
-            idle_time_s = Vec::new();
-        }
-        let mut neighbours_fired = std::mem::take(&mut message.neighbours_fired);
-        if neighbours_fired.len() != channels {
-            neighbours_fired = Bytes::new();
-        }
-
         let burst = Burst {
             t_acq_ns: head.t_acq_ns,
             logged_ns,
@@ -164,17 +148,24 @@ impl BurstDecoder {
             samples: std::mem::take(&mut message.samples),
             temperature_c: message.temperature_c.filter(|t| t.is_finite()),
             drive_voltage_v: message.drive_voltage_v.filter(|v| v.is_finite()),
-            idle_time_s,
-            neighbours_fired,
+            idle_time_s: std::mem::take(&mut message.idle_time_s),
+            neighbours_fired: std::mem::take(&mut message.neighbours_fired),
         };
-        check(&burst, &self.limits)?;
-        Ok(burst)
+        checked(burst, &self.limits)
+    }
+}
+
+/// What became of a message of which `head` was read first.
+pub(super) fn acquisition(read: Result<Burst, NoBurst>, head: UnusableBurst) -> Acquisition {
+    match read {
+        Ok(burst) => Acquisition::Usable(burst),
+        Err(NoBurst { why, what }) => Acquisition::Unusable(UnusableBurst { why, what, ..head }),
     }
 }
 
 /// Checks that the numbers of a burst fit each other, its samples and the limits, before anything
-/// else looks at the samples.
-pub(super) fn check(of: &Burst, limits: &Limits) -> Result<(), NoBurst> {
+/// else looks at the samples. Covariates of the wrong number belong to no channel: they are dropped, the burst stays.
+pub(super) fn checked(mut of: Burst, limits: &Limits) -> Result<Burst, NoBurst> {
     let Burst { channels, samples_per_channel, sample_period_s, .. } = of;
     if of.channels == 0 {
         return Err(Reason::NoChannels.into());
@@ -202,7 +193,14 @@ pub(super) fn check(of: &Burst, limits: &Limits) -> Result<(), NoBurst> {
         );
         return Err(NoBurst { why: Reason::WrongLength, what });
     }
-    Ok(())
+    // one idle time is that of all channels
+    if ![1, channels as usize].contains(&of.idle_time_s.len()) {
+        of.idle_time_s.clear();
+    }
+    if of.neighbours_fired.len() != channels as usize {
+        of.neighbours_fired.clear();
+    }
+    Ok(of)
 }
 
 /// A time in ns since the epoch, UTC; `None` if an i64 does not hold it (before 1677 or after 2262), or if

@@ -15,8 +15,8 @@ use super::dialect::Dialects;
 use super::dialect::plan::{ChannelDescription, Plan, Schema};
 use super::mcap_records::{ChannelRecord, SchemaRecord};
 use std::collections::HashMap;
-use std::fmt;
 use std::sync::{Arc, OnceLock};
+use thiserror::Error;
 
 /// What becomes of a channel's messages.
 #[derive(Clone, Debug, Default)]
@@ -46,31 +46,18 @@ pub(super) struct Route {
 
 /// Why a record inside a block is of no use. Its words become damage. Numbers are MCAP's ids; a
 /// text says of which kind the record is ("schema" or "channel").
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Error)]
 pub(super) enum RecordError {
+    #[error("message on channel {0}, which is not defined")]
     UnknownChannel(u16),
+    #[error("message on channel {channel}, whose schema {schema} is not defined")]
     UnknownSchema { channel: u16, schema: u16 },
+    #[error("message shorter than its header")]
     ShortMessage,
+    #[error("malformed {0} record")]
     Malformed(&'static str),
+    #[error("{0} {1} defined again as another; the first definition holds")]
     Redefined(&'static str, u16),
-}
-
-impl fmt::Display for RecordError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            RecordError::UnknownChannel(id) => {
-                write!(f, "message on channel {id}, which is not defined")
-            }
-            RecordError::UnknownSchema { channel, schema } => {
-                write!(f, "message on channel {channel}, whose schema {schema} is not defined")
-            }
-            RecordError::ShortMessage => write!(f, "message shorter than its header"),
-            RecordError::Malformed(what) => write!(f, "malformed {what} record"),
-            RecordError::Redefined(what, id) => {
-                write!(f, "{what} {id} defined again as another; the first definition holds")
-            }
-        }
-    }
 }
 
 /// The schemas and channels that are defined so far, by id.

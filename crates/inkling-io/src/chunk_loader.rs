@@ -9,12 +9,11 @@
 
 use super::Limits;
 use super::block::{Block, BlockKind, ReadBlock};
-use super::buffers::Buffers;
 use super::decompress::Decompressor;
 use super::mcap_records::{ChunkHeader, MESSAGE_HEADER, RECORD_HEADER};
 use super::source::Source;
-use bytes::Bytes;
-use std::fmt;
+use bytes::{Bytes, BytesMut};
+use std::collections::VecDeque;
 use std::sync::Arc;
 
 pub(super) struct ChunkLoader {
@@ -22,12 +21,6 @@ pub(super) struct ChunkLoader {
     pub(super) limits: Limits,
     decompressor: Decompressor,
     buffers: Buffers,
-}
-
-impl fmt::Debug for ChunkLoader {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("ChunkLoader").field("limits", &self.limits).finish_non_exhaustive()
-    }
 }
 
 /// How many bytes of a block are read: all of them, or only its head if the block is larger than
@@ -121,5 +114,50 @@ impl ChunkLoader {
             crc if crc == expected => Ok(records),
             crc => Err(format!("chunk's checksum is {crc:08x}, not {expected:08x} as recorded")),
         }
+    }
+}
+
+/// Memory for chunks that is used again, so that a long recording allocates little.
+///
+/// A buffer is taken, filled, and frozen: from then on bursts share it as `Bytes`. A further reference to it is kept
+/// here. Once that is the only one (all bursts of the chunk are done with), the buffer can be taken again. Each
+/// `ChunkLoader` has a set of its own, and so has the digester.
+#[derive(Debug, Default)]
+pub(super) struct Buffers {
+    given: VecDeque<Bytes>,
+}
+
+impl Buffers {
+    /// Larger buffers are not kept: bounded memory is worth a few page faults for each huge chunk.
+    const KEPT_BYTES: usize = 8 << 20;
+    const KEPT: usize = 24;
+
+    /// A buffer of exactly `bytes` bytes, whose content is undefined (old bytes or zeros).
+    pub(super) fn take(&mut self, bytes: usize) -> BytesMut {
+        // free buffers, the last one given out first: the processor's cache may still hold it
+        let free = self.given.iter().enumerate().rev().filter(|(_, b)| b.is_unique());
+        // The smallest buffer that is large enough, as growing one fills it with zeros first. Too
+        // small buffers come last; one is taken out, and replaced below unless its capacity, which
+        // may exceed its length, suffices.
+        let free = free.min_by_key(|(_, b)| if b.len() < bytes { usize::MAX } else { b.len() });
+        let free = free.map(|(i, _)| i).and_then(|i| self.given.remove(i));
+        match free.and_then(|b| b.try_into_mut().ok()) {
+            Some(mut buffer) if buffer.capacity() >= bytes => {
+                buffer.resize(bytes, 0);
+                buffer
+            }
+            _ => BytesMut::zeroed(bytes),
+        }
+    }
+
+    pub(super) fn freeze(&mut self, buffer: BytesMut) -> Bytes {
+        let frozen = buffer.freeze();
+        if frozen.len() <= Self::KEPT_BYTES {
+            self.given.push_back(frozen.clone());
+            if self.given.len() > Self::KEPT {
+                self.given.pop_front();
+            }
+        }
+        frozen
     }
 }

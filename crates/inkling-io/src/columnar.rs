@@ -8,19 +8,19 @@
 //! Files may be hostile: claimed sizes are checked before a library allocates by them
 //! (`parquet_file`), and a panic of a library becomes an error.
 
-use super::arrow_cells::{self, counted, inside, is_list, is_list_of_lists, unit};
+use super::arrow_cells::{self, counted, inside, is_list, is_list_of_lists, unit_ns};
 use super::file_error::FileError;
 use super::mcap_records::MAGIC;
 use super::parquet_file::{self, ParquetFile};
-use super::table_file::{
-    ChosenColumns, Columns, Decay, MOST_CELLS, Moment, Rows, Table, choose_columns, unread,
-};
+use super::table_columns::{ChosenColumns, Columns, choose_columns};
+use super::table_file::{Decay, MOST_CELLS, Moment, Rows, Table, unread};
+use super::time_column::TimeUnit;
 use super::unpanicked::unpanicked;
-use super::{Limits, printable, regular_file, result_file, time_column, unread_file};
+use super::{Limits, printable, regular_file, result_file, unread_file};
 use arrow_array::cast::AsArray;
 use arrow_array::types::{Decimal128Type, Int64Type};
 use arrow_array::{Array, ArrayRef, RecordBatchReader as _};
-use arrow_schema::{DataType, TimeUnit};
+use arrow_schema::DataType;
 use parquet::arrow::arrow_reader::{ArrowReaderOptions, ParquetRecordBatchReader};
 use std::path::Path;
 
@@ -111,7 +111,7 @@ fn read_batches(path: &Path, columns: &Columns) -> Result<Table, FileError> {
         return Err(FileError::failed(path, "no rows"));
     }
     // the type of a time beats the column's name
-    let of_type = chosen.time.and_then(|c| unit(type_of(c))).map(of_arrow);
+    let of_type = chosen.time.and_then(|c| TimeUnit::of_ns(unit_ns(type_of(c))? as f64));
     if of_type.is_some() && columns.unit.is_some() {
         let what = "--time-unit has no effect: the type of the column says its unit";
         return Err(FileError::mistaken(path, what));
@@ -121,11 +121,8 @@ fn read_batches(path: &Path, columns: &Columns) -> Result<Table, FileError> {
     // where a column holds several channels, the column's name is no channel's name
     let several = chosen.outputs.iter().any(|&c| is_list_of_lists(type_of(c)));
     // `rows` gives no table if it is empty; then the table is that of the bursts
-    let table = rows.table(unit).unwrap_or_else(|| Table {
-        decays: bursts,
-        rows_are_bursts: true,
-        ..chosen.table(unit)
-    });
+    let of_bursts = || Table { rows_are_bursts: true, decays: bursts, ..Table::of(&chosen, unit) };
+    let table = rows.table(unit).unwrap_or_else(of_bursts);
     Ok(if several { Table { outputs: Vec::new(), ..table } } else { table })
 }
 
@@ -168,7 +165,7 @@ impl Row<'_> {
     fn moment(&self, c: usize) -> Result<Moment, String> {
         let column = &self.columns[c];
         match column.as_primitive_opt::<Int64Type>().filter(|of| of.is_valid(self.row)) {
-            Some(of) => Ok(of.value(self.row).into()),
+            Some(of) => Ok(Moment { whole: of.value(self.row), rest: 0.0 }),
             None => self.number(c).map(Moment::from),
         }
     }
@@ -191,16 +188,6 @@ impl Row<'_> {
         time.transpose()?.into_iter().for_each(|time| burst.push_time(time));
         Ok(burst)
     }
-}
-
-fn of_arrow(unit: TimeUnit) -> time_column::TimeUnit {
-    let word = match unit {
-        TimeUnit::Nanosecond => "ns",
-        TimeUnit::Microsecond => "us",
-        TimeUnit::Millisecond => "ms",
-        TimeUnit::Second => "s",
-    };
-    time_column::TimeUnit::called(word).unwrap_or(time_column::TimeUnit::SECONDS)
 }
 
 /// The samples of a row of lists, channel by channel.
@@ -237,14 +224,12 @@ fn channels<'a>(
     channels.map(|channel| (0..n).map(|k| sample(&channel, k)).collect()).collect()
 }
 
+/// A cell as a number; NaN where it is null. The error is the type of cells that hold none.
 fn number(array: &ArrayRef, row: usize) -> Result<f64, String> {
+    let (array, row) = resolved(array, row)?;
     let of = || printable::cell(&array.data_type().to_string());
     match array.data_type() {
         _ if array.is_null(row) => Ok(f64::NAN),
-        DataType::Dictionary(..) => {
-            let (values, key) = of_dictionary(array, row)?;
-            number(values, key)
-        }
         DataType::Decimal128(_, scale) => {
             let digits = array.as_primitive::<Decimal128Type>().value(row) as f64;
             Ok(digits / 10f64.powi((*scale).into()))
@@ -253,22 +238,21 @@ fn number(array: &ArrayRef, row: usize) -> Result<f64, String> {
     }
 }
 
-/// Where a cell of a dictionary has its value.
-fn of_dictionary(array: &ArrayRef, row: usize) -> Result<(&ArrayRef, usize), String> {
-    let of = array.as_any_dictionary();
+/// Where a cell has its value: that of a dictionary (pandas' categories) stands among the dictionary's. Keys are looked
+/// up cell by cell, since a column of texts may be far larger without them.
+fn resolved(array: &ArrayRef, row: usize) -> Result<(&ArrayRef, usize), String> {
+    let Some(of) = array.as_any_dictionary_opt().filter(|of| of.is_valid(row)) else {
+        return Ok((array, row));
+    };
     let key = arrow_cells::number(of.keys(), row).filter(|&key| key < of.values().len() as f64);
-    Ok((of.values(), key.ok_or("dictionary without that key")? as usize))
+    resolved(of.values(), key.ok_or("dictionary without that key")? as usize)
 }
 
-/// A cell as a text, empty where it is null. Names are often written as keys into a dictionary (pandas'
-/// categories); these are looked up cell by cell, since a column of them may be far larger as texts.
+/// A cell as a text, empty where it is null.
 fn text(array: &ArrayRef, row: usize) -> Result<String, String> {
+    let (array, row) = resolved(array, row)?;
     match array.data_type() {
         _ if array.is_null(row) => Ok(String::new()),
-        DataType::Dictionary(..) => {
-            let (values, key) = of_dictionary(array, row)?;
-            text(values, key)
-        }
         DataType::Utf8 => Ok(array.as_string::<i32>().value(row).to_owned()),
         DataType::LargeUtf8 => Ok(array.as_string::<i64>().value(row).to_owned()),
         DataType::Utf8View => Ok(array.as_string_view().value(row).to_owned()),
@@ -329,6 +313,6 @@ mod tests {
     #[test]
     fn a_column_of_several_channels_is_no_channels_name_and_the_type_of_a_time_beats_its_name() {
         assert!(two_channels("t").outputs.is_empty());
-        assert_eq!(two_channels("t_ms").unit, Some(time_column::TimeUnit::SECONDS));
+        assert_eq!(two_channels("t_ms").unit, Some(TimeUnit::SECONDS));
     }
 }

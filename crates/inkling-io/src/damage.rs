@@ -57,8 +57,6 @@ pub fn note(list: &mut Vec<Damage>, damage: Damage) {
 pub enum RecordingError {
     #[error(transparent)]
     File(#[from] FileError),
-    #[error("{path}: cannot be written as MCAP: {source}")]
-    Mcap { path: PathBuf, source: mcap::McapError },
     /// A dialect of the settings fits a topic of the recording and cannot read its messages.
     #[error("{path}: {what}")]
     Dialect { path: PathBuf, what: String },

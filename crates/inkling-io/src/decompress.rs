@@ -9,7 +9,7 @@ use std::io::Read;
 /// Decompresses chunks. zstd's context is large, so it is kept from chunk to chunk.
 #[derive(Default)]
 pub struct Decompressor {
-    zstd: Option<zstd::bulk::Decompressor<'static>>,
+    zstd: zstd::bulk::Decompressor<'static>,
 }
 
 impl Decompressor {
@@ -30,13 +30,8 @@ impl Decompressor {
     }
 
     fn zstd(&mut self, compressed: &[u8], out: &mut [u8]) -> Result<(), String> {
-        let failed = |e: std::io::Error| format!("zstd: {e}");
-        let zstd = match &mut self.zstd {
-            Some(zstd) => zstd,
-            none => none.insert(zstd::bulk::Decompressor::new().map_err(failed)?),
-        };
         // in one step into a buffer of fixed size: the size that the frame itself claims is not used
-        match zstd.decompress_to_buffer(compressed, out).map_err(failed)? {
+        match self.zstd.decompress_to_buffer(compressed, out).map_err(|e| format!("zstd: {e}"))? {
             n if n == out.len() => Ok(()),
             n => Err(format!("{n} bytes, but the chunk claims {}", out.len())),
         }

@@ -12,8 +12,7 @@
 
 use super::Limits;
 use super::block::{Block, BlockKind, ReadBlock};
-use super::buffers::Buffers;
-use super::chunk_loader::{bytes_to_read, records_of};
+use super::chunk_loader::{Buffers, bytes_to_read, records_of};
 use super::damage::{Damage, RecordingError};
 use super::file_error::FileError;
 use super::source::Source;

@@ -49,7 +49,6 @@ static COLUMNS: [Column; 19] = [
 ];
 
 pub struct EpisodeWriter {
-    path: PathBuf,
     table: TableWriter,
     schema: SchemaRef,
     unit: TimestampUnit,
@@ -65,8 +64,7 @@ impl EpisodeWriter {
     ) -> Result<EpisodeWriter, TableError> {
         let schema = Arc::new(row_table::schema(&COLUMNS, unit));
         let table = TableWriter::create(path, schema.clone())?;
-        let (path, waiting, recording) = (path.into(), Vec::new(), recording.into());
-        Ok(EpisodeWriter { path, table, schema, unit, waiting, recording })
+        Ok(EpisodeWriter { table, schema, unit, waiting: Vec::new(), recording: recording.into() })
     }
 
     /// Appends episodes. The recording that an episode names is replaced by the table's own.
@@ -76,7 +74,7 @@ impl EpisodeWriter {
                 episode.ended_at_ns.map(|end| end.saturating_sub(episode.began_at_ns) as f64 / 1e9);
             let of_it = Episode { recording: self.recording.clone(), ..episode };
             let mut row =
-                serde_json::to_value(of_it).map_err(|e| TableError::wrong(&self.path, e))?;
+                serde_json::to_value(of_it).map_err(|e| TableError::wrong(self.table.path(), e))?;
             row[DURATION] = seconds.into();
             self.waiting.push(row);
         }
@@ -85,7 +83,7 @@ impl EpisodeWriter {
 
     fn flush(&mut self) -> Result<(), TableError> {
         let batch = row_table::batch(&COLUMNS, self.schema.clone(), self.unit, &self.waiting)
-            .map_err(TableError::columns(&self.path))?;
+            .map_err(TableError::columns(self.table.path()))?;
         self.waiting.clear();
         self.table.write(&batch)
     }

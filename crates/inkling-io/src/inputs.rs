@@ -11,6 +11,7 @@ use super::objects::{self, in_object_store};
 use super::regular_file::if_there;
 use super::result_file::ResultFile;
 use super::unread_file;
+use globset::GlobMatcher;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 use std::fmt::Display;
@@ -144,12 +145,7 @@ fn find_one(name: &str, ending: &str) -> Result<FoundInputs, InputsError> {
         return find_objects(name, ending);
     }
     if path.is_dir() {
-        // macOS keeps the attributes of `a.mcap` in `._a.mcap` on file systems that have none
-        let is_attributes =
-            |p: &Path| p.file_name().is_some_and(|name| name.as_encoded_bytes().starts_with(b"._"));
-        let looked_at =
-            |p: &Path| !is_attributes(p) && (name_ends(p, ending) || unread(p, ending).is_some());
-        return Ok(search(path, usize::MAX, looked_at).without_unread(ending));
+        return Ok(search(path, usize::MAX, &Wanted::Ending(ending)));
     }
     match path.symlink_metadata() {
         Ok(_) => return Ok(FoundInputs::only(path)),
@@ -160,7 +156,7 @@ fn find_one(name: &str, ending: &str) -> Result<FoundInputs, InputsError> {
     }
     if name.contains(WILDCARDS) {
         let Pattern { root, depth, matcher } = pattern(name)?;
-        return Ok(search(&root, depth, |p| matcher.is_match(p.strip_prefix("./").unwrap_or(p))));
+        return Ok(search(&root, depth, &Wanted::Fitting(matcher)));
     }
     Err(InputsError::missing(path))
 }
@@ -181,38 +177,33 @@ fn find_objects(name: &str, ending: &str) -> Result<FoundInputs, InputsError> {
         return Ok(FoundInputs::only(path));
     }
 
-    let (root, matcher) = match name.find(WILDCARDS) {
+    let (root, wanted) = match name.find(WILDCARDS) {
         Some(first) => {
             // what stands before the first wildcard is listed, up to its last slash
             let root = name[..first].rsplit_once('/').map_or(name, |(root, _)| root);
-            (Path::new(root), Some(glob(name)?))
+            (Path::new(root), Wanted::Fitting(glob(name)?))
         }
-        None => (path, None),
+        None => (path, Wanted::Ending(ending)),
     };
-
-    // an object that is named like annotations counts as such: looking into each would cost a
-    // request
-    let is_other = |p: &Path| name_ends(p, ".part") || name_ends(p, ANNOTATIONS);
-    let wanted = |p: &Path| match &matcher {
-        Some(glob) => glob.is_match(p) && !is_other(p),
-        None => (name_ends(p, ending) || unread(p, ending).is_some()) && !is_other(p),
-    };
-
-    let found = objects::list(root).map_err(failed)?;
-    let inputs = found.iter().filter(|p| wanted(p)).map(|p| input_below(root, p)).collect();
-    match found.is_empty() && matcher.is_none() {
-        true => Err(InputsError::missing(path)),
-        false => {
-            let found = FoundInputs { inputs, ..FoundInputs::default() };
-            Ok(if matcher.is_some() { found } else { found.without_unread(ending) })
+    let there = objects::list(root).map_err(failed)?;
+    if there.is_empty() && matches!(wanted, Wanted::Ending(_)) {
+        return Err(InputsError::missing(path));
+    }
+    let mut found = FoundInputs::default();
+    for object in there {
+        // an object that is named like annotations counts as such: looking into each would cost a request
+        if !name_ends(&object, ANNOTATIONS) {
+            found.add(root, object, &wanted);
         }
     }
+    Ok(found)
 }
 
-/// Why a file is not read though it looks like a recording, where recordings are searched.
-fn unread(path: &Path, ending: &str) -> Option<String> {
-    let name = path.file_name()?.to_string_lossy();
-    unread_file::beside(&name).filter(|_| ending == RECORDING)
+/// Which of the files that are met are inputs.
+enum Wanted<'a> {
+    /// Those whose names end so.
+    Ending(&'a str),
+    Fitting(GlobMatcher),
 }
 
 impl FoundInputs {
@@ -221,16 +212,22 @@ impl FoundInputs {
         FoundInputs { inputs, ..FoundInputs::default() }
     }
 
-    /// Puts aside what looks like recordings and is not read.
-    fn without_unread(self, ending: &str) -> FoundInputs {
-        let (mut inputs, mut aside) = (Vec::new(), Vec::new());
-        for input in self.inputs {
-            match unread(&input.path, ending) {
-                Some(why) => aside.push((input.path, why)),
-                None => inputs.push(input),
-            }
+    /// Takes in a file that was met below `root`, or puts it aside if it looks like a recording and is not read.
+    fn add(&mut self, root: &Path, path: PathBuf, wanted: &Wanted) {
+        let name = name_of(&path);
+        let is_input = match wanted {
+            _ if name_ends(&path, ".part") => return,
+            Wanted::Ending(ending) => name_ends(&path, ending),
+            Wanted::Fitting(glob) => glob.is_match(path.strip_prefix("./").unwrap_or(&path)),
+        };
+        if is_input {
+            let below = path.strip_prefix(root).ok().and_then(Path::parent);
+            let below = below.unwrap_or(Path::new("")).to_path_buf();
+            self.inputs.push(Input { path, below });
+        } else if let (Wanted::Ending(RECORDING), Some(why)) = (wanted, unread_file::beside(&name))
+        {
+            self.unread.push((path, why));
         }
-        FoundInputs { inputs, unread: aside, ..self }
     }
 
     fn without(lost: InputsError) -> FoundInputs {
@@ -257,16 +254,15 @@ fn is_annotation(path: &Path) -> bool {
     name_ends(path, ANNOTATIONS) && matches!(ResultFile::of(path), Ok(Some(ResultFile::Recording)))
 }
 
+fn name_of(path: &Path) -> String {
+    path.file_name().unwrap_or_default().to_string_lossy().into_owned()
+}
+
 fn name_ends(path: &Path, ending: &str) -> bool {
-    path.file_name().is_some_and(|n| n.to_string_lossy().to_lowercase().ends_with(ending))
+    name_of(path).to_lowercase().ends_with(ending)
 }
 
-fn input_below(root: &Path, path: &Path) -> Input {
-    let below = path.strip_prefix(root).ok().and_then(Path::parent).unwrap_or(Path::new(""));
-    Input { path: path.to_path_buf(), below: below.to_path_buf() }
-}
-
-fn search(root: &Path, depth: usize, wanted: impl Fn(&Path) -> bool) -> FoundInputs {
+fn search(root: &Path, depth: usize, wanted: &Wanted) -> FoundInputs {
     let mut found = FoundInputs::default();
     let walk = WalkDir::new(root).follow_links(true).max_depth(depth);
     for entry in walk.sort_by_file_name() {
@@ -286,8 +282,10 @@ fn search(root: &Path, depth: usize, wanted: impl Fn(&Path) -> bool) -> FoundInp
                 path // a link to nowhere: reading it will say what is wrong
             }
         };
-        if !name_ends(&path, ".part") && wanted(&path) && !is_annotation(&path) {
-            found.inputs.push(input_below(root, &path));
+        // macOS keeps the attributes of `a.mcap` in `._a.mcap` on file systems that have none
+        let is_attributes = matches!(wanted, Wanted::Ending(_)) && name_of(&path).starts_with("._");
+        if !is_attributes && !is_annotation(&path) {
+            found.add(root, path, wanted);
         }
     }
     found

@@ -75,25 +75,6 @@ pub fn check(path: &Path, labels: &Labels, met: &RecordedSpans) -> Result<(), Fi
 }
 
 fn parse_rows(path: &Path, from: impl Read + 'static, states: States) -> Result<Labels, FileError> {
-    let mut rows = Vec::new();
-    each_row(path, from, |fields| {
-        let label = parse(fields)?;
-        // checking compares with many names, and most rows have the state of the row before
-        if rows.last().is_none_or(|before: &Label| before.state != label.state) {
-            states.check(&label.state)?;
-        }
-        rows.push(label);
-        Ok(())
-    })?;
-    Ok(Labels::new(rows))
-}
-
-/// Calls `take` with the fields of every row, those of the columns `HEADER` in its order.
-fn each_row(
-    path: &Path,
-    from: impl Read + 'static,
-    mut take: impl FnMut([&str; HEADER.len()]) -> Result<(), String>,
-) -> Result<(), FileError> {
     let failed = |e: TextError| match e {
         TextError::Io(e) => FileError::unread(path)(e),
         TextError::NoText { .. } => {
@@ -113,11 +94,10 @@ fn each_row(
             FileError::mistaken(path, format!("no column `{column}`; labels begin with {columns}"))
         })?;
     }
-    let mut rows = 0;
+    let mut rows: Vec<Label> = Vec::new();
     while let Some((line, record)) = text.next_record().map_err(failed)? {
         let mistaken = |what| FileError::Mistaken { place: line_of(path, line), what };
-        rows += 1;
-        if rows > MOST_ROWS {
+        if rows.len() == MOST_ROWS {
             let what = format!("more than {MOST_ROWS} rows: cut the file into several");
             return Err(mistaken(what));
         }
@@ -127,9 +107,14 @@ fn each_row(
         if text.delimiter != b',' {
             fields[5] = &severity;
         }
-        take(fields).map_err(mistaken)?;
+        let label = parse(fields).map_err(mistaken)?;
+        // checking compares with many names, and most rows have the state of the row before
+        if rows.last().is_none_or(|before| before.state != label.state) {
+            states.check(&label.state).map_err(mistaken)?;
+        }
+        rows.push(label);
     }
-    Ok(())
+    Ok(Labels::new(rows))
 }
 
 impl<'a> States<'a> {
@@ -233,12 +218,10 @@ fn time(column: &str, text: &str) -> Result<Option<i64>, String> {
     })
 }
 
-fn rfc_3339(ns: i64) -> String {
-    DateTime::from_timestamp_nanos(ns).to_rfc3339_opts(SecondsFormat::Nanos, true)
-}
-
 pub fn write(path: &Path, labels: &[Label]) -> Result<(), FileError> {
-    let time = |ns: Option<i64>| ns.map_or(String::new(), rfc_3339);
+    let rfc_3339 = |time: DateTime<_>| time.to_rfc3339_opts(SecondsFormat::Nanos, true);
+    let time =
+        |ns: Option<i64>| ns.map(DateTime::from_timestamp_nanos).map_or(String::new(), rfc_3339);
     let row = |label: &Label| {
         [
             label.printhead.clone(),

@@ -17,12 +17,11 @@
 //!             written by recording_writer mcap_file memory_recording
 //! results     verdict_* column column_types row_table episode_table summary_file annotation_writer
 //!             baseline_file result_file
-//! foreign     table_file csv_table columnar plain_columns arrow_cells sampling spline;
-//!             made safe by parquet_* thrift unpanicked
+//! foreign     table_file table_columns table_order csv_* columnar plain_columns arrow_cells sampling*
+//!             segments spline time_column; made safe by parquet_* thrift unpanicked
 //! people      labels_file
 //! made by other verbs than replay  design_file truth_file
 //! places      inputs outputs layout job journal run_lock part_file stored objects regular_file stamp
-//!             pieces buffers
 //! what is told  file_error printable
 //! ```
 
@@ -31,7 +30,6 @@ mod arrow_cells;
 pub mod baseline_file;
 pub mod block;
 pub mod block_reader;
-mod buffers;
 pub mod burst_codec;
 pub mod census;
 mod channels;
@@ -39,7 +37,9 @@ mod chunk_loader;
 mod column;
 pub mod column_types;
 pub mod columnar;
+mod csv_cells;
 pub mod csv_table;
+mod csv_units;
 pub mod damage;
 pub mod decompress;
 pub mod design_file;
@@ -65,7 +65,6 @@ mod parquet_claims;
 mod parquet_file;
 pub mod part_file;
 pub mod peek;
-mod pieces;
 pub mod plain_columns;
 pub mod printable;
 pub mod recording;
@@ -75,6 +74,7 @@ pub mod result_file;
 pub mod row_table;
 pub mod run_lock;
 pub mod sampling;
+mod sampling_times;
 pub mod scan;
 mod segments;
 mod source;
@@ -82,7 +82,9 @@ mod spline;
 mod stamp;
 pub mod stored;
 pub mod summary_file;
+mod table_columns;
 pub mod table_file;
+pub mod table_order;
 pub mod table_text;
 mod thrift;
 pub mod time_column;

@@ -12,7 +12,7 @@ use super::part_file::PartFile;
 use mcap::records::MessageHeader;
 use std::collections::{BTreeMap, HashMap};
 use std::fs::File;
-use std::io::BufWriter;
+use std::io::{self, BufWriter};
 use std::path::{Path, PathBuf};
 
 type Writer = mcap::Writer<BufWriter<File>>;
@@ -40,7 +40,7 @@ impl McapFile {
             .library("inkling")
             .compression_threads(0) // same bytes on every machine: the default is a thread per core
             .create(BufWriter::with_capacity(1 << 16, file))
-            .map_err(|source| RecordingError::Mcap { path: path.to_path_buf(), source })?;
+            .map_err(|e| unwritten(path, e))?;
         Ok(McapFile { writer, part, path: path.to_path_buf(), channels: HashMap::new() })
     }
 
@@ -92,16 +92,19 @@ impl McapFile {
         Ok(part.finish(&file).map_err(failed)?)
     }
 
-    /// An error of the mcap crate, with the file's name. An error of the file system is kept as
-    /// such, so that a full disk is recognised.
     fn failed(&self, source: mcap::McapError) -> RecordingError {
-        match source {
-            mcap::McapError::Io(source) => FileError::unwritten(&self.path)(source).into(),
-            // a record that is written cannot fail but by the file system, and the crate hides its error in this one
-            mcap::McapError::Parse(source) => {
-                FileError::unwritten(&self.path)(std::io::Error::other(source.to_string())).into()
-            }
-            source => RecordingError::Mcap { path: self.path.clone(), source },
-        }
+        unwritten(&self.path, source)
     }
+}
+
+/// An error of the mcap crate, with the file's name. An error of the file system is kept as such, so that a full disk
+/// is recognised.
+fn unwritten(path: &Path, source: mcap::McapError) -> RecordingError {
+    let source = match source {
+        mcap::McapError::Io(source) => source,
+        // a record that is written cannot fail but by the file system, and the crate hides its error in this one
+        mcap::McapError::Parse(source) => io::Error::other(source.to_string()),
+        source => io::Error::other(source.to_string()),
+    };
+    FileError::unwritten(path)(source).into()
 }

@@ -59,6 +59,20 @@ impl ChunkHeader<'_> {
             header_bytes: (body.len() - rest.len()) as u64,
         })
     }
+
+    /// The header, if `body` may be the beginning of a chunk's body of `body_bytes`: its compression is known, its
+    /// sizes and times agree, and it claims no more than `most_bytes` uncompressed.
+    pub fn plausible(body: &[u8], body_bytes: u64, most_bytes: u64) -> Option<ChunkHeader<'_>> {
+        let body = &body[..body.len().min(usize::try_from(body_bytes).unwrap_or(usize::MAX))];
+        let h = ChunkHeader::parse(body)?;
+        let sizes_agree = h.compressed_size <= body_bytes.checked_sub(h.header_bytes)?
+            && (!h.compression.is_empty() || h.uncompressed_size == h.compressed_size);
+        (["", "lz4", "zstd"].contains(&h.compression)
+            && sizes_agree
+            && h.uncompressed_size <= most_bytes
+            && h.start_time <= h.end_time)
+            .then_some(h)
+    }
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -11,17 +11,16 @@ use super::Limits;
 use super::burst_codec::{MESSAGE_ENCODING, SCHEMA_NAME, encode, topic};
 use super::channels::Channels;
 use super::damage::RecordingError;
+use super::dialect::Dialects;
 use super::file_error::FileError;
 use super::mcap_records::{ChannelRecord, MAGIC, MESSAGE_HEADER, SchemaRecord, op};
-use super::pieces::Pieces;
 use super::recording::Recording;
-use super::source::Source;
+use super::source::{Pieces, Source};
 use bytes::Bytes;
 use inkling_core::burst::Burst;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 use std::sync::Arc;
-use std::time::Duration;
 
 const SCHEMA_ID: u16 = 1;
 /// Key of the protobuf field `samples` (number 9, length-delimited). The field comes last in these
@@ -59,27 +58,16 @@ pub fn of_bursts(label: &str, bursts: &[Burst]) -> Result<Recording, RecordingEr
         pieces.push(std::mem::take(&mut small).into());
         pieces.push(burst.samples.clone());
     }
-    let source = Source::in_memory(pieces);
+    let source = Arc::new(Source::in_memory(pieces));
+    let (path, none) = (Path::new(label), Dialects::default());
     Ok(Recording {
-        path: label.into(),
         name: label.into(),
         label: label.into(),
-        bytes: source.bytes(),
-        stamp: source.stamp_then(),
-        opening: Duration::ZERO,
         expected: Some(bursts.len() as u64),
-        others: Vec::new(),
-        silent: Vec::new(),
-        damage: Vec::new(),
-        source: Arc::new(source),
-        limits: Limits::default(),
-        growth: None,
         channels: Arc::new(channels),
         // so that several readers can take the blocks side by side
         channels_known_upfront: true,
-        data_end: None,
-        disorder_ns: None,
-        is_shuffled: false,
+        ..Recording::of_source(path, source, Limits::default(), &none)?.unindexed(&none)
     })
 }
 

@@ -48,71 +48,49 @@ const PAGE: &[Shape] = &[
 // The parts of the footer, each with the types of its fields in the order of their numbers.
 
 const EMPTY: Shape = Record(&[]);
+const NUMBERS: Shape = List(&Number);
+const TEXTS: Shape = List(&Bytes);
+
 /// `TimeType` and `TimestampType`.
 const TIME: Shape = Record(&[Flag, Record(&[EMPTY, EMPTY, EMPTY])]);
+const DECIMAL: Shape = Record(&[Number, Number]);
+const INTEGER: Shape = Record(&[Byte, Flag]);
+const VARIANT: Shape = Record(&[Byte]);
+const GEOMETRY: Shape = Record(&[Bytes]);
+const GEOGRAPHY: Shape = Record(&[Bytes, Number]);
 /// `LogicalType`, a union: a record of which one field is set.
 const LOGICAL_TYPE: Shape = Record(&[
-    EMPTY,
-    EMPTY,
-    EMPTY,
-    EMPTY,
-    Record(&[Number, Number]),
-    EMPTY,
-    TIME,
-    TIME,
-    EMPTY,
-    Record(&[Byte, Flag]),
-    EMPTY,
-    EMPTY,
-    EMPTY,
-    EMPTY,
-    EMPTY,
-    Record(&[Byte]),
-    Record(&[Bytes]),
-    Record(&[Bytes, Number]),
+    EMPTY, EMPTY, EMPTY, EMPTY, DECIMAL, EMPTY, TIME, TIME, EMPTY, INTEGER, EMPTY, EMPTY, EMPTY,
+    EMPTY, EMPTY, VARIANT, GEOMETRY, GEOGRAPHY,
 ]);
 const SCHEMA_ELEMENT: Shape =
     Record(&[Number, Number, Number, Bytes, Number, Number, Number, Number, Number, LOGICAL_TYPE]);
+
+const KEY_VALUE: Shape = Record(&[Bytes, Bytes]);
 const STATISTICS: Shape = Record(&[Bytes, Bytes, Number, Number, Bytes, Bytes, Flag, Flag]);
+/// `PageEncodingStats` of each kind of page.
+const PAGES: Shape = List(&Record(&[Number, Number, Number]));
+/// `SizeStatistics`.
+const SIZES: Shape = Record(&[Number, NUMBERS, NUMBERS]);
 /// `BoundingBox` of geospatial statistics.
 const BOX: Shape = Record(&[Double, Double, Double, Double, Double, Double, Double, Double]);
-const KEY_VALUE: Shape = Record(&[Bytes, Bytes]);
+const GEO: Shape = Record(&[BOX, NUMBERS]);
+const PAIRS: Shape = List(&KEY_VALUE);
+/// `ColumnMetaData`.
 const COLUMN: Shape = Record(&[
-    Number,
-    List(&Number),
-    List(&Bytes),
-    Number,
-    Number,
-    Number,
-    Number,
-    List(&KEY_VALUE),
-    Number,
-    Number,
-    Number,
-    STATISTICS,
-    List(&Record(&[Number, Number, Number])),
-    Number,
-    Number,
-    Record(&[Number, List(&Number), List(&Number)]),
-    Record(&[BOX, List(&Number)]),
+    Number, NUMBERS, TEXTS, Number, Number, Number, Number, PAIRS, Number, Number, Number,
+    STATISTICS, PAGES, Number, Number, SIZES, GEO,
 ]);
-const COLUMN_CHUNK: Shape = Record(&[Bytes, Number, COLUMN, Number, Number, Number, Number]);
-const ROW_GROUP: Shape = Record(&[
-    List(&COLUMN_CHUNK),
-    Number,
-    Number,
-    List(&Record(&[Number, Flag, Flag])),
-    Number,
-    Number,
-    Number,
-]);
+const COLUMNS: Shape = List(&Record(&[Bytes, Number, COLUMN, Number, Number, Number, Number]));
+const SORTING: Shape = List(&Record(&[Number, Flag, Flag]));
+const ROW_GROUP: Shape = Record(&[COLUMNS, Number, Number, SORTING, Number, Number, Number]);
 /// The fields of `FileMetaData`. Encrypted files are not read.
 const FOOTER: &[Shape] = &[
     Number,
     List(&SCHEMA_ELEMENT),
     Number,
     List(&ROW_GROUP),
-    List(&KEY_VALUE),
+    PAIRS,
     Bytes,
     List(&Record(&[EMPTY])),
 ];

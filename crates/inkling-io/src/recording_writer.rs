@@ -44,10 +44,20 @@ pub struct RecordingWriter {
 
 impl RecordingWriter {
     pub fn create(path: &Path, options: WriterOptions) -> Result<RecordingWriter, RecordingError> {
-        let mut file = McapFile::create(path, mcap_options(options))?;
+        let WriterOptions { compression, chunk_bytes } = options;
+        let compression = match compression {
+            Compression::None => None,
+            Compression::Lz4 => Some(mcap::Compression::Lz4),
+            Compression::Zstd => Some(mcap::Compression::Zstd),
+        };
+        let options = mcap::WriteOptions::new()
+            .compression(compression)
+            .use_chunks(chunk_bytes.is_some())
+            .chunk_size(chunk_bytes);
+        let mut file = McapFile::create(path, options)?;
         file.define(SCHEMA)?;
         let in_chunk = FILE_DESCRIPTOR_SET.len() as u64 + 64;
-        Ok(RecordingWriter { file, chunk_bytes: options.chunk_bytes, in_chunk })
+        Ok(RecordingWriter { file, chunk_bytes, in_chunk })
     }
 
     /// Appends a burst. `log_time_ns` is when it was recorded, ns since 1970; MCAP has no earlier times.
@@ -70,15 +80,4 @@ impl RecordingWriter {
     pub fn finish(self) -> Result<(), RecordingError> {
         self.file.finish()
     }
-}
-
-fn mcap_options(options: WriterOptions) -> mcap::WriteOptions {
-    mcap::WriteOptions::new()
-        .compression(match options.compression {
-            Compression::None => None,
-            Compression::Lz4 => Some(mcap::Compression::Lz4),
-            Compression::Zstd => Some(mcap::Compression::Zstd),
-        })
-        .use_chunks(options.chunk_bytes.is_some())
-        .chunk_size(options.chunk_bytes)
 }

@@ -83,10 +83,7 @@ impl fmt::Display for ResultFile {
 impl ResultFile {
     /// The kind of a file. `None`: inkling did not make it, or it does not say so.
     pub fn of(path: &Path) -> std::io::Result<Option<ResultFile>> {
-        ResultFile::of_file(regular_file::open(path)?)
-    }
-
-    fn of_file(mut file: File) -> std::io::Result<Option<ResultFile>> {
+        let mut file = regular_file::open(path)?;
         let mut head = Vec::new();
         file.by_ref().take(HEAD_BYTES).read_to_end(&mut head)?;
         let says = |mark: &str| head.windows(mark.len()).any(|part| part == mark.as_bytes());

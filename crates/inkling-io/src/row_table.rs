@@ -156,6 +156,10 @@ impl TableWriter {
         Ok(TableWriter { writer, part })
     }
 
+    pub fn path(&self) -> &Path {
+        self.part.path()
+    }
+
     pub fn write(&mut self, batch: &RecordBatch) -> Result<(), TableError> {
         self.writer.write(batch).map_err(TableError::parquet(self.part.path()))
     }

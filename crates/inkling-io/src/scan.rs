@@ -9,15 +9,16 @@
 //! two sorts of damage. A record whose length is believed, but that cannot be used (too large, or
 //! at odds with itself), is lost alone. Where the framing is broken (a record's length cannot be
 //! true, or a record stands where it cannot be), the scan goes on at the next chunk that has a
-//! checksum and verifies (`find_chunk`), because chunks hold nearly all data and can be recognised
+//! checksum and verifies (`resync.rs`), because chunks hold nearly all data and can be recognised
 //! by themselves. Messages outside chunks and chunks without a checksum are lost up to there.
 //!
 //! In a recording that is being written, a record that is not whole may still become so, and
 //! [`Blocks::poll`] says that the next block is pending.
 
+mod resync;
+
 use super::Limits;
 use super::block::{Block, BlockKind};
-use super::chunk_loader::ChunkLoader;
 use super::damage::Damage;
 use super::growth::{EarlyEnds, ends_early, locked};
 use super::mcap_records::{ChunkHeader, MAGIC, RECORD_HEADER, RecordHeader, op};
@@ -32,8 +33,6 @@ const RUN_BYTES: u64 = 1 << 20;
 const MOST_AWAITED_BYTES: u64 = 1 << 32;
 /// Bytes that are read at once to look at record headers.
 const WINDOW_BYTES: u64 = 16 << 10;
-/// After broken framing, places that look like chunks are tried.
-const MAX_FAILED_RESYNCS: usize = 256;
 /// Bytes that suffice for a chunk's header with a known compression.
 const CHUNK_HEADER_BYTES: usize = 64;
 
@@ -226,7 +225,7 @@ impl Blocks {
             // kind was changed by damage.
             0x10..=0xff => {
                 let body = self.peek(body_at, CHUNK_HEADER_BYTES as u64)?;
-                if plausible_chunk(body, body_bytes, u64::MAX).is_some() {
+                if ChunkHeader::plausible(body, body_bytes, u64::MAX).is_some() {
                     Step::Lost(format!("record of unknown kind 0x{opcode:02x} that holds a chunk"))
                 } else {
                     skip
@@ -266,61 +265,6 @@ impl Blocks {
             },
             _ => Step::Lost("chunk header that does not fit its record".into()),
         })
-    }
-
-    /// Where the next chunk begins, from `from` on, that has a checksum which verifies. Every byte
-    /// that could be a chunk's opcode is looked at: a plausible header first, which is cheap, then
-    /// the whole chunk is loaded. `None`: there is none, or too many were tried in vain.
-    fn find_chunk(&mut self, from: u64) -> std::io::Result<Option<u64>> {
-        let mut loader = ChunkLoader::new(self.source.clone(), self.limits);
-        let (mut at, end) = (from, self.end());
-        while at < end {
-            let window = self.peek(at, 1)?;
-            let Some(i) = window.iter().position(|&b| b == op::CHUNK) else {
-                at += window.len() as u64;
-                continue;
-            };
-            at += i as u64;
-            let chunk_bytes = self.limits.chunk_bytes;
-            let bytes = self.peek(at, (RECORD_HEADER + CHUNK_HEADER_BYTES) as u64)?;
-            let found = RecordHeader::parse(bytes).and_then(|record| {
-                let next = at.checked_add(RECORD_HEADER as u64)?.checked_add(record.body_bytes)?;
-                let body = &bytes[RECORD_HEADER..];
-                let header = plausible_chunk(body, record.body_bytes, chunk_bytes)?;
-                (next <= end && header.uncompressed_crc != 0).then_some(next - at)
-            });
-
-            if let Some(bytes) = found {
-                let kind = BlockKind::Chunk;
-                let block = Block { index: 0, offset: at, bytes, decompressed_bytes: 0, kind };
-                if loader.load(&block, None).is_ok() {
-                    return Ok(Some(at));
-                }
-                self.failed_resyncs += 1;
-                if self.failed_resyncs >= MAX_FAILED_RESYNCS {
-                    return Ok(None);
-                }
-            }
-            at += 1;
-        }
-        Ok(None)
-    }
-
-    /// The damage is the range from `self.at` to the next chunk that verifies, or to the end.
-    fn resync(&mut self, what: String) -> Damage {
-        let from = self.known_until.max(MAGIC.len() as u64).min(self.at.saturating_add(1));
-        let to_byte = match self.find_chunk(from) {
-            Ok(Some(chunk)) => chunk,
-            Ok(None) | Err(_) => {
-                self.done = true;
-                self.end()
-            }
-        };
-        // the chunk may lie before `self.at`, inside a record that was stepped over
-        let from_byte = self.at.min(to_byte);
-        self.at = to_byte;
-        self.known_until = to_byte;
-        Damage { from_byte, to_byte, what }
     }
 
     fn block(&mut self, kind: BlockKind, offset: u64, to: u64) -> Block {
@@ -406,18 +350,4 @@ impl Iterator for Blocks {
             }
         }
     }
-}
-
-/// The header of a chunk, if `body` may be the beginning of one: its compression is known, its
-/// sizes and times agree, and it claims no more than `max_chunk_bytes` uncompressed.
-fn plausible_chunk(body: &[u8], body_bytes: u64, max_chunk_bytes: u64) -> Option<ChunkHeader<'_>> {
-    let body = &body[..body.len().min(usize::try_from(body_bytes).unwrap_or(usize::MAX))];
-    let h = ChunkHeader::parse(body)?;
-    let sizes_agree = h.compressed_size <= body_bytes.checked_sub(h.header_bytes)?
-        && (!h.compression.is_empty() || h.uncompressed_size == h.compressed_size);
-    (["", "lz4", "zstd"].contains(&h.compression)
-        && sizes_agree
-        && h.uncompressed_size <= max_chunk_bytes
-        && h.start_time <= h.end_time)
-        .then_some(h)
 }

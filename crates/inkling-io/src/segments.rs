@@ -6,7 +6,7 @@
 //! segments export all of them in one table: the times go on after a gap, or begin again, after equally many
 //! samples each time.
 
-use super::sampling::fitted_period;
+use super::sampling_times::fitted_period;
 use super::table_file::Decay;
 use inkling_core::model::median::median;
 
@@ -82,8 +82,7 @@ pub(super) fn are_rounded(decay: &Decay) -> bool {
     let (times, period) = (&decay.times, fitted_period(&decay.times));
     let off = times.iter().zip(0u32..).map(|(t, k)| t - times[0] - f64::from(k) * period);
     let off: Vec<f64> = off.collect();
-    let (least, most) =
-        off.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, m), t| (l.min(*t), m.max(*t)));
+    let (least, most) = span(off.iter().copied());
     // Rounding moves all times, by .29 of the last digit on the average and by half of it at most; the period is
     // estimated from the same times, and allows for more (heuristic).
     let n = off.len() as f64;
@@ -93,6 +92,11 @@ pub(super) fn are_rounded(decay: &Decay) -> bool {
     let is_near = last_digits(decay).iter().flatten().any(fits);
     let far = times.windows(2).filter(|pair| pair[1] - pair[0] > 1.5 * period).count();
     is_near && (far == 0 || far * COMMON > times.len())
+}
+
+/// The least and the largest number.
+pub(super) fn span(of: impl Iterator<Item = f64>) -> (f64, f64) {
+    of.fold((f64::INFINITY, f64::NEG_INFINITY), |(least, most), x| (least.min(x), most.max(x)))
 }
 
 /// The values of the last digit of the largest time, if they all have few decimals, few digits, or the bits of an

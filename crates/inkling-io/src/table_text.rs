@@ -60,8 +60,7 @@ impl TextTable {
         let mut input = utf8(Box::new(input))?;
         let mut head = Vec::new();
         input.by_ref().take(HEAD_BYTES).read_to_end(&mut head)?;
-        let all =
-            Lines { input: Cursor::new(head.clone()).chain(input), last: b'\n', ended: false };
+        let all = Lines { input: Cursor::new(head.clone()).chain(input), last: b'\n' };
         let mut all = BufReader::with_capacity(1 << 16, all);
         let mut passed = 0;
         while passed < skip_lines && pass_line(&mut all)? > 0 {
@@ -212,9 +211,8 @@ fn begin(lines: &[&str], delimiter: char) -> Option<usize> {
 /// Ends every line with LF, also the last one.
 struct Lines<R> {
     input: R,
-    /// The last byte that was read.
+    /// The last byte that was read, or put behind all.
     last: u8,
-    ended: bool,
 }
 
 impl<R: Read> Read for Lines<R> {
@@ -222,10 +220,10 @@ impl<R: Read> Read for Lines<R> {
         loop {
             let n = self.input.read(buffer)?;
             if n == 0 {
-                let is_open = !self.ended && !b"\r\n".contains(&self.last) && !buffer.is_empty();
-                self.ended = true;
-                buffer.iter_mut().take(1).filter(|_| is_open).for_each(|byte| *byte = b'\n');
-                return Ok(usize::from(is_open));
+                let is_open = !b"\r\n".contains(&self.last);
+                let Some(first) = buffer.first_mut().filter(|_| is_open) else { return Ok(0) };
+                (*first, self.last) = (b'\n', b'\n');
+                return Ok(1);
             }
             let mut kept = 0;
             for at in 0..n {

@@ -229,7 +229,7 @@ impl<R: Read> Walk<R> {
 }
 
 /// The signed number that is stored as `written`: 0, −1, 1, −2 are stored as 0, 1, 2, 3.
-fn zigzag(written: u64) -> i64 {
+pub fn zigzag(written: u64) -> i64 {
     (written >> 1) as i64 ^ -((written & 1) as i64)
 }
 

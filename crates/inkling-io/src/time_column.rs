@@ -51,6 +51,11 @@ impl TimeUnit {
     pub const SECONDS: TimeUnit = TimeUnit { ns: 1e9, name: "seconds" };
     pub const DAYS: TimeUnit = TimeUnit { ns: 8.64e13, name: "days" };
 
+    /// The unit that is so many ns long.
+    pub(super) fn of_ns(ns: f64) -> Option<TimeUnit> {
+        UNITS.iter().find(|(of, ..)| *of == ns).map(|&(ns, name, _)| TimeUnit { ns, name })
+    }
+
     /// The unit that this word means. Micro may be any of `u` and the two signs of Unicode, and case does not
     /// matter: nobody counts in megaseconds.
     pub fn called(word: &str) -> Option<TimeUnit> {

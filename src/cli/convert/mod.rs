@@ -13,13 +13,13 @@ pub use args::Args;
 use super::exit::{Exit, Failure};
 use conversion::Conversion;
 use inkling_io::recording_writer::{RecordingWriter, WriterOptions};
-use inkling_io::{outputs, table_file};
+use inkling_io::{outputs, table_order};
 use input_bursts::InputBursts;
 use serde_json::json;
 
 /// Checks the options, then converts burst by burst. What was assumed is told at the end.
 pub fn run(mut args: Args) -> Result<Exit, Failure> {
-    args.by_number = table_file::in_order_of_numbers(&mut args.tables);
+    args.by_number = table_order::in_order_of_numbers(&mut args.tables);
     let values = args.values()?;
     args.check(&values)?;
     outputs::check_file(&args.out, outputs::ResultFile::Recording)?;

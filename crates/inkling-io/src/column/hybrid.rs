@@ -4,13 +4,11 @@
 //! The code is a sequence of two kinds of pieces. A run of n equal values is the number 2n, then
 //! the value once, in whole bytes. Values that change often are packed: g groups of eight values
 //! are the number 2g + 1, then the values in `width` bits each. (These numbers are ULEB128, see
-//! `bits.rs`.) Only the very last group may be filled up with values that nobody pushed, because
+//! [`put_number`].) Only the very last group may be filled up with values that nobody pushed, because
 //! readers know how many values there are.
 //!
 //! What the format puts before the code is added elsewhere: the code's length before levels
 //! (`pages.rs`), the width before keys (`runs.rs`).
-
-use super::bits;
 
 #[derive(Debug)]
 pub struct Hybrid {
@@ -76,7 +74,7 @@ impl Hybrid {
         times -= literal;
         if times > 0 {
             self.pack();
-            bits::put_number(u64::from(times) << 1, &mut self.out);
+            put_number(u64::from(times) << 1, &mut self.out);
             let bytes = usize::from(self.width.div_ceil(8));
             self.out.extend(&value.to_le_bytes()[..bytes]);
         }
@@ -90,8 +88,8 @@ impl Hybrid {
         }
         let groups = self.literals.len().div_ceil(8);
         self.literals.resize(groups * 8, 0);
-        bits::put_number((groups as u64) << 1 | 1, &mut self.out);
-        bits::pack(self.literals.drain(..).map(u64::from), self.width, &mut self.out);
+        put_number((groups as u64) << 1 | 1, &mut self.out);
+        pack(self.literals.drain(..).map(u64::from), self.width, &mut self.out);
     }
 
     pub fn finish(mut self) -> Vec<u8> {
@@ -99,4 +97,33 @@ impl Hybrid {
         self.pack();
         self.out
     }
+}
+
+/// Appends a number with seven bits in each byte, the lowest first; the eighth bit says that more follow
+/// (ULEB128).
+pub fn put_number(mut number: u64, out: &mut Vec<u8>) {
+    while number >= 0x80 {
+        out.push(number as u8 | 0x80);
+        number >>= 7;
+    }
+    out.push(number as u8);
+}
+
+/// Appends numbers below 2^`width` (`width`: 0 to 64 bits), one after the other without gaps, the
+/// lowest bits first. The last byte is filled up with zeros.
+pub fn pack(numbers: impl Iterator<Item = u64>, width: u8, out: &mut Vec<u8>) {
+    let width = u32::from(width);
+    let (mut bits, mut held) = (0u64, 0);
+    for number in numbers {
+        // add the number above the bits that are held; what finds no room is shifted out
+        bits |= number << held;
+        held += width;
+        if held >= u64::BITS {
+            out.extend(bits.to_le_bytes());
+            held -= u64::BITS;
+            // the held bits that are new: those of the number that found no room
+            bits = number.checked_shr(width - held).unwrap_or_default();
+        }
+    }
+    out.extend(&bits.to_le_bytes()[..held.div_ceil(8) as usize]);
 }

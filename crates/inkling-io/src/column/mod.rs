@@ -13,12 +13,10 @@
 //! runs     texts and numbers that are the same over many rows: keys into a dictionary
 //! steps    whole numbers that go on by equal steps: times, channels
 //! numbers  f32 that differ from row to row, or are null
-//! hybrid   Parquet's code of run lengths and packed bits: for keys, and for which rows are null
-//! bits     the two lowest codes: whole numbers of any length, and numbers packed in few bits
+//! hybrid   Parquet's code of run lengths and packed bits: for keys, and for which rows are null; the two codes below it
 //! pages    compressed pages, and what the file's footer says of them
 //! ```
 
-mod bits;
 mod hybrid;
 mod numbers;
 mod pages;

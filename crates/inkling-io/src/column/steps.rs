@@ -6,7 +6,7 @@
 //! difference lies above the least one, packed in its part's width. In a block of equal steps all
 //! lie 0 above, which takes no bits, so the block takes a few bytes.
 
-use super::bits;
+use super::hybrid::{pack, put_number};
 use super::pages::{ClosedPage, ColumnPages};
 use parquet::basic::{Encoding, Type};
 use parquet::errors::Result;
@@ -53,15 +53,10 @@ impl StepColumn {
 
         let mut left = more;
         while left > 0 {
-            if self.block.is_empty() && left >= BLOCK {
-                self.end_block_of([step; BLOCK].as_slice());
-                left -= BLOCK;
-            } else {
-                let some = left.min(BLOCK - self.block.len());
-                self.block.resize(self.block.len() + some, step);
-                self.end_full_block();
-                left -= some;
-            }
+            let some = left.min(BLOCK - self.block.len());
+            self.block.resize(self.block.len() + some, step);
+            self.end_full_block();
+            left -= some;
         }
     }
 
@@ -79,7 +74,7 @@ impl StepColumn {
         let encode = |out: &mut Vec<u8>| {
             let first = zigzag(self.stored(self.first));
             for number in [BLOCK as u64, PARTS as u64, self.rows.into(), first] {
-                bits::put_number(number, out);
+                put_number(number, out);
             }
             out.extend(&self.blocks);
         };
@@ -127,7 +122,7 @@ impl StepColumn {
             if wide { above } else { u64::from(above as u32) }
         };
 
-        bits::put_number(zigzag(least), &mut self.blocks);
+        put_number(zigzag(least), &mut self.blocks);
         let parts = || differences.chunks(BLOCK / PARTS);
         let width = |part: &[i64]| {
             let most = part.iter().map(above).fold(0, |all, above| all | above);
@@ -141,7 +136,7 @@ impl StepColumn {
         for (part, width) in parts().zip(widths) {
             // a part that is not full is filled up with zeros; one without differences is left out
             let end = self.blocks.len() + BLOCK / PARTS * usize::from(width) / 8;
-            bits::pack(part.iter().map(above), width, &mut self.blocks);
+            pack(part.iter().map(above), width, &mut self.blocks);
             self.blocks.resize(end, 0);
         }
     }

@@ -9,8 +9,7 @@
 //! channels, period, samples are found, in this order; the burst is checked; last come idle times and
 //! neighbours.
 
-use super::message::Message;
-use super::moment::ns_of;
+use super::message::{Message, ns_of};
 use super::path::FieldPath;
 use super::plan::Plan;
 use super::settings::{Part, Source, TimeSource};
@@ -60,15 +59,10 @@ impl DialectDecoder {
             Ok(found) => self.burst(&found, times, &mut head),
             Err(why) => Err(NoBurst { why: *why, what: plan.reading.wrong(&message) }),
         });
-        match read {
-            Ok(burst) => Acquisition::Usable(burst),
-            Err(NoBurst { why, what }) => {
-                if why == Reason::Undecodable {
-                    head.t_acq_ns = times.log_ns;
-                }
-                Acquisition::Unusable(UnusableBurst { why, what, ..head })
-            }
+        if matches!(&read, Err(NoBurst { why: Reason::Undecodable, .. })) {
+            head.t_acq_ns = times.log_ns;
         }
+        burst_codec::acquisition(read, head)
     }
 
     fn burst(
@@ -108,7 +102,7 @@ impl DialectDecoder {
             return Err(Reason::TooLarge.into());
         }
 
-        // idle times and neighbours are added after the check, which bounds the number of channels
+        // neighbours are added after the check, which bounds the number of channels
         let burst = Burst {
             t_acq_ns: head.t_acq_ns,
             logged_ns: times.log_ns,
@@ -122,19 +116,13 @@ impl DialectDecoder {
             samples: samples.bytes,
             temperature_c: found.measured(dialect.temperature.as_ref()),
             drive_voltage_v: found.measured(dialect.voltage.as_ref()),
-            idle_time_s: Vec::new(),
+            idle_time_s: found.floats(dialect.idle.as_ref(), channels as usize),
             neighbours_fired: Bytes::new(),
         };
-
-        burst_codec::check(&burst, &self.limits)?;
+        let burst = burst_codec::checked(burst, &self.limits)?;
         let channels = channels as usize;
-        let mut idle_time_s = found.floats(dialect.idle.as_ref(), channels);
-        if ![1, channels].contains(&idle_time_s.len()) {
-            idle_time_s.clear(); // neither one for all nor one each: it belongs to no channel
-        }
         let neighbours = found.floats(dialect.neighbours.as_ref(), channels);
-        let neighbours_fired = fired(&neighbours, channels);
-        Ok(Burst { idle_time_s, neighbours_fired, ..burst })
+        Ok(Burst { neighbours_fired: fired(&neighbours, channels), ..burst })
     }
 
     /// Puts the printhead's name together from literal text, parts of the topic and values of the

@@ -73,19 +73,29 @@ impl FieldInfo {
 
     pub fn can_be(&self, slot: Slot) -> Result<(), String> {
         use Kind::*;
-        let fits = match slot {
-            Slot::Samples => self.is_numbers() || (self.kind, self.list) == (Bytes, false),
-            Slot::Channels | Slot::SamplesPerChannel | Slot::FirstChannel => self.is_number(),
-            Slot::Period | Slot::Rate | Slot::Temperature | Slot::Voltage => self.is_number(),
-            Slot::Time => matches!((self.kind, self.list), (Integer | Float | Time, false)),
-            Slot::Idle => matches!(self.kind, Integer | Float),
-            Slot::Neighbours => matches!(self.kind, Integer | Float | Bytes),
-            Slot::Text => matches!((self.kind, self.list), (Text | Integer, false)),
+        let of = (self.kind, self.list);
+        let (fits, due) = match slot {
+            Slot::Samples => {
+                (self.is_numbers() || of == (Bytes, false), "bytes or an array of numbers")
+            }
+            Slot::Channels | Slot::SamplesPerChannel | Slot::FirstChannel => {
+                (self.is_number(), "a whole number")
+            }
+            Slot::Period | Slot::Rate | Slot::Temperature | Slot::Voltage => {
+                (self.is_number(), "a number")
+            }
+            Slot::Time => (
+                matches!(of, (Integer | Float | Time, false)),
+                "ns as an integer, s as a float, a message of seconds and nanoseconds, or in JSON RFC 3339",
+            ),
+            Slot::Idle => (matches!(self.kind, Integer | Float), "a number or an array of numbers"),
+            Slot::Neighbours => (
+                matches!(self.kind, Integer | Float | Bytes),
+                "a number, an array of numbers, or bytes",
+            ),
+            Slot::Text => (matches!(of, (Text | Integer, false)), "text or a whole number"),
         };
-        match fits {
-            true => Ok(()),
-            false => Err(format!("is {}, not {}", self.typed(), due(slot))),
-        }
+        fits.then_some(()).ok_or_else(|| format!("is {}, not {due}", self.typed()))
     }
 
     /// Whether it is an array of numbers, or of rows of numbers.
@@ -99,21 +109,6 @@ impl FieldInfo {
 
     pub fn typed(&self) -> String {
         format!("{}{}", self.type_name, if self.list { "[]" } else { "" })
-    }
-}
-
-fn due(slot: Slot) -> &'static str {
-    match slot {
-        Slot::Samples => "bytes or an array of numbers",
-        Slot::Channels | Slot::SamplesPerChannel | Slot::FirstChannel => "a whole number",
-        Slot::Period | Slot::Rate | Slot::Temperature | Slot::Voltage => "a number",
-        Slot::Time => {
-            "ns as an integer, s as a float, a message of seconds and nanoseconds, or in JSON \
-             RFC 3339"
-        }
-        Slot::Idle => "a number or an array of numbers",
-        Slot::Neighbours => "a number, an array of numbers, or bytes",
-        Slot::Text => "text or a whole number",
     }
 }
 

@@ -7,23 +7,23 @@
 //!
 //! Steps: the field with the most numbers is taken for the samples; other keys go to the fields
 //! with likely names whose kind fits (`CHANNELS`, `PERIOD` and so on); layout and number of
-//! channels come from fields whose number divides that of the samples, checked or replaced by how
-//! the samples correlate ([`RowLayout`]).
+//! channels are found by `guess/layout.rs`.
+
+mod layout;
 
 pub use super::first_message::{MOST_MESSAGE_BYTES, ShownField};
 
-use super::dimensions::{Dimensions, dimensions};
+use super::dimensions::dimensions;
 use super::fields::{FieldInfo, Kind, Slot};
 use super::first_message::{FirstMessage, MessageSamples};
 use super::names::{
-    CHANNEL, CHANNELS, COLUMNS, FIRST, NO_CELSIUS, NO_VOLTS, Names, PERIOD, PRINTHEAD, RATE,
-    TEMPERATURE, TIME, VOLTAGE, find, has_word, sampling,
+    CHANNEL, CHANNELS, FIRST, NO_CELSIUS, NO_VOLTS, Names, PERIOD, PRINTHEAD, RATE, TEMPERATURE,
+    TIME, VOLTAGE, find, has_word, sampling,
 };
 use super::plan::{ChannelDescription, Reading, Schema};
 use crate::time_column::is_time;
 use bytes::Bytes;
 use inkling_core::burst::Format;
-use inkling_core::model::row_layout::RowLayout;
 use std::fmt::Write as _;
 
 const MOST_SHOWN: usize = 64;
@@ -54,23 +54,20 @@ pub fn guess(written: &ChannelDescription, message: &Bytes, topics: &[&str]) -> 
     let first = FirstMessage { message: &message, fields: &fields };
     let (field, samples) = first.likely_samples().filter(|(of, _)| !first.is_one_of_several(of))?;
 
-    let toml = String::from("[[input.dialect]]\n");
-    let mut guess = Guess { topic: written.topic, first: &first, samples: &samples, toml };
+    let (toml, open) = (String::from("[[input.dialect]]\n"), Vec::new());
+    let mut guess = Guess { topic: written.topic, first: &first, samples: &samples, toml, open };
     guess.say_all(written.schema, field, topics);
-    let toml = guess.toml;
+    let Guess { toml, open, .. } = guess;
 
     let there = fields.iter().filter(|field| field.kind != Kind::Message).take(MOST_SHOWN);
     let fields = there.map(|field| first.shown(field)).collect();
-    let open = |line: &str| {
-        let (key, value) = line.split_once(" = ")?;
-        value.starts_with(QUESTION).then(|| key.to_owned())
-    };
-    Some(Proposal { open: toml.lines().filter_map(open).collect(), toml, fields })
+    Some(Proposal { toml, open, fields })
 }
 
 #[derive(Clone, Debug)]
 pub struct Proposal {
     pub toml: String,
+    /// The keys that only a person can fill in.
     pub open: Vec<String>,
     /// The fields of the first message, for the user to choose from.
     pub fields: Vec<ShownField>,
@@ -81,13 +78,7 @@ struct Guess<'a> {
     first: &'a FirstMessage<'a>,
     samples: &'a MessageSamples,
     toml: String,
-}
-
-/// A field whose whole number `n` divides the number of samples, so that `n` may be the channels or
-/// the samples per channel.
-struct Divisor {
-    path: String,
-    n: usize,
+    open: Vec<String>,
 }
 
 impl Guess<'_> {
@@ -205,6 +196,7 @@ impl Guess<'_> {
     fn say(&mut self, key: &str, value: &str, comment: &str) {
         let comment = if comment.is_empty() { String::new() } else { format!("  # {comment}") };
         let _ = writeln!(self.toml, "{key} = {value}{comment}");
+        self.open.extend((value == QUESTION).then(|| key.to_owned()));
     }
 
     /// Writes the field that has one of these names, if there is one; gives whether there is.
@@ -216,121 +208,17 @@ impl Guess<'_> {
         path.is_some()
     }
 
-    /// Writes layout, channels and samples per channel, with n numbers in the message: what fields
-    /// say if their numbers divide n, else what the samples look like.
-    fn say_shape(&mut self) {
-        let numbers = self.samples.numbers.len();
-        if self.is_of_one_channel() {
-            self.say("channels", "1", "? a message has one channel, whose number it says");
-            return;
-        }
-        let rows = self.divisor(&CHANNELS, Slot::Channels);
-        let (rows, columns) = match (rows, self.divisor(&COLUMNS, Slot::SamplesPerChannel)) {
-            // `n` may be either
-            (None, Some(n)) if self.counts_channels(&n) => (Some(n), None),
-            known => known,
-        };
-
-        // 1. the number of channels by the fields, if any says it
-        let by_columns = || columns.as_ref().map(|columns| numbers / columns.n);
-        let named = rows.as_ref().map(|rows| rows.n).or_else(by_columns);
-        // in a list of lists, the number of inner lists is either the channels or the samples per
-        // channel
-        let outer = self.samples.outer;
-        let nested = |n: usize| outer.is_none_or(|outer| n == outer || n * outer == numbers);
-        // 2. the likeliest layout among those that agree with the fields, or with the lists
-        let agrees = |n: usize| named.map_or_else(|| nested(n), |named| n == named);
-        let lie = RowLayout::likeliest(&self.samples.numbers, agrees);
-        self.say_layout(lie);
-
-        // 3. the channels: a field, else what the samples per channel leave, else the samples, else
-        //    the lists, else a question
-        let agrees = |n: usize| rows.as_ref().is_none_or(|rows| rows.n * n == numbers);
-        let unknown = format!("? not in the message, which has {numbers} samples");
-        let (value, comment) = match (&rows, named, lie, outer) {
-            (Some(rows), ..) => {
-                let is_sure = columns.as_ref().is_none_or(|columns| agrees(columns.n));
-                let comment = if is_sure { "" } else { "? or is this samples per channel" };
-                (quoted(&rows.path), comment)
-            }
-            (None, Some(n), ..) => {
-                let comment = "? not in the message: numbers of the first, by samples_per_channel";
-                (n.to_string(), comment)
-            }
-            (None, None, Some(lie), _) => {
-                (lie.channels.to_string(), "by the samples: so many signals ring alike")
-            }
-            (None, None, None, Some(outer)) => {
-                (outer.to_string(), "? the lists in the first message")
-            }
-            (None, None, None, None) => (QUESTION.into(), &*unknown),
-        };
-        self.say("channels", &value, comment);
-        // 4. the samples per channel; a field that contradicts the channels is left out, and then
-        //    the decoder divides the samples by the channels
-        if let Some(columns) = columns.filter(|columns| agrees(columns.n)) {
-            self.say("samples_per_channel", &quoted(&columns.path), "");
-        }
-    }
-
-    /// Writes the shape that the layout of a ROS array says.
-    fn say_dimensions(&mut self, of: &Dimensions) {
-        let [outer, inner] = [0, 1].map(|n| format!("{}.dim[{n}].size", of.layout));
-        let (channels, samples, layout) = match of.sample_major {
-            true => (inner, outer, "sample-major"),
-            false => (outer, inner, "channel-major"),
-        };
-        if of.offset > 0 {
-            self.say("offset", &quoted(&format!("{}.data_offset", of.layout)), "");
-        }
-        self.say("layout", &quoted(layout), of.comment);
-        self.say("channels", &quoted(&channels), "");
-        self.say("samples_per_channel", &quoted(&samples), "");
-    }
-
-    /// Writes the layout, with the correlation of the layout that was not taken for comparison.
-    fn say_layout(&mut self, lie: Option<RowLayout>) {
-        let major = |sample_major| if sample_major { "sample-major" } else { "channel-major" };
-        let (sample_major, comment) = match lie {
-            Some(RowLayout { channels, sample_major, neighbours, .. }) => {
-                let other = RowLayout::of(&self.samples.numbers, channels, !sample_major);
-                let (name, other) = (major(!sample_major), other.map_or(0.0, |of| of.neighbours));
-                let comment = format!(
-                    "by the samples: neighbours of a channel correlate ({neighbours:.2}; laid out as {name} {other:.2})"
-                );
-                (sample_major, comment)
-            }
-            None => (false, "? or \"sample-major\"".to_owned()),
-        };
-        self.say("layout", &quoted(major(sample_major)), &comment);
-    }
-
-    /// Whether a field's number is that of the channels rather than of the samples per channel: the
-    /// likelier layout of these two by how the samples correlate.
-    fn counts_channels(&self, of: &Divisor) -> bool {
-        let either = [of.n, self.samples.numbers.len() / of.n];
-        let lie = RowLayout::likeliest(&self.samples.numbers, |n| either.contains(&n));
-        lie.is_some_and(|lie| lie.channels == of.n)
-    }
-
-    fn divisor(&self, names: &Names, slot: Slot) -> Option<Divisor> {
-        let path = find(self.first.fields, names, slot)?;
-        let n = self.first.count(&path)?;
-        self.samples.numbers.len().is_multiple_of(n).then_some(Divisor { path, n })
-    }
-
     /// Writes the printhead's name: a field, else the part of the topic in which the topics differ, else its
     /// second part.
     fn say_printhead(&mut self, varies: Option<usize>) {
         if let Some(path) = find(self.first.fields, &PRINTHEAD, Slot::Text) {
             return self.say("printhead", &quoted(&format!("{{{path}}}")), "");
         }
-        let parts = self.topic.trim_start_matches('/').split('/').count();
         // topics that differ in their channel say the printhead elsewhere
-        let of_topic: Vec<&str> = self.topic.trim_start_matches('/').split('/').collect();
-        let is_channel = |part: &usize| has_word(of_topic[*part], CHANNEL_WORDS);
+        let parts: Vec<&str> = self.topic.trim_start_matches('/').split('/').collect();
+        let is_channel = |part: &usize| has_word(parts[*part], CHANNEL_WORDS);
         let part = varies.filter(|part| *part == 0 || !is_channel(part));
-        let part = part.or_else(|| varies?.checked_sub(1)).unwrap_or(usize::from(parts > 1));
+        let part = part.or_else(|| varies?.checked_sub(1)).unwrap_or(usize::from(parts.len() > 1));
         let part = format!("\"{{topic.{part}}}\"");
         self.say("printhead", &part, "? this part of the topic, from 0");
     }

@@ -16,8 +16,8 @@
 //! plan            a dialect checked against one channel of one recording
 //! protobuf, ros,  an encoding: how its schema becomes a shape, how a message is decoded, and what
 //! json            a path finds in it
-//! message, value  a decoded message of any encoding; what a path found in it
-//! decoder, moment what was found becomes a burst; the unit of its time
+//! message, value  a decoded message of any encoding, and its time; what a path found in it
+//! decoder         what was found becomes a burst
 //! guess, names,   the other way round: messages that look like bursts become a block to paste
 //! first_message,
 //! dimensions
@@ -37,7 +37,6 @@ mod first_message;
 pub mod guess;
 pub mod json;
 mod message;
-mod moment;
 mod names;
 pub mod path;
 pub mod plan;

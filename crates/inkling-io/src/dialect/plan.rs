@@ -41,18 +41,13 @@ pub struct ChannelDescription<'a> {
     pub schema: Option<&'a Schema>,
 }
 
+/// How messages of one channel are decoded, and which fields they have.
 #[derive(Debug)]
-enum Encoding {
+pub enum Reading {
     Protobuf(MessageDescriptor, Shape),
     Ros(Arc<Shape>),
     /// Has no schema: only a message tells what fields there are.
     Json,
-}
-
-/// How messages of one channel are decoded, and which fields they have.
-#[derive(Debug)]
-pub struct Reading {
-    encoding: Encoding,
 }
 
 /// Message encodings that are read, for an error.
@@ -64,13 +59,13 @@ impl Reading {
         let name = written.message_encoding;
         let schema =
             written.schema.ok_or_else(|| format!("messages of encoding {name} without a schema"));
-        let encoding = match name {
-            "json" => Encoding::Json,
+        Ok(match name {
+            "json" => Reading::Json,
             "protobuf" => {
                 let Schema { name, data, .. } = schema?;
                 let root = protobuf::message_type(data, name)?;
                 let shape = protobuf::shape(&root);
-                Encoding::Protobuf(root, shape)
+                Reading::Protobuf(root, shape)
             }
             "cdr" => {
                 let Schema { name, encoding, data } = schema?;
@@ -78,23 +73,22 @@ impl Reading {
                     let found = printable::cell(encoding);
                     return Err(format!("cdr messages are read by ros2msg, not by {found:?}"));
                 }
-                Encoding::Ros(Arc::new(ros_definition::shape(data, name)?))
+                Reading::Ros(Arc::new(ros_definition::shape(data, name)?))
             }
             other => {
                 let other = printable::cell(other);
                 let what = format!("messages of encoding {other:?} are not read");
                 return Err(format!("{what}; read are {ENCODINGS}"));
             }
-        };
-        Ok(Reading { encoding })
+        })
     }
 
     /// The message types of the schema; `None` of JSON, which has no schema.
     fn shape(&self) -> Option<&Shape> {
-        match &self.encoding {
-            Encoding::Protobuf(_, shape) => Some(shape),
-            Encoding::Ros(shape) => Some(shape),
-            Encoding::Json => None,
+        match self {
+            Reading::Protobuf(_, shape) => Some(shape),
+            Reading::Ros(shape) => Some(shape),
+            Reading::Json => None,
         }
     }
 
@@ -110,30 +104,26 @@ impl Reading {
     /// Decodes a message. The error is the reason of the rejected row that it becomes: it is not what
     /// its schema says, or it has too many values.
     pub fn decode(&self, message: &Bytes) -> Result<Message, Reason> {
-        match &self.encoding {
-            Encoding::Protobuf(root, _) => {
+        match self {
+            Reading::Protobuf(root, _) => {
                 ProtobufMessage::new(root, message).map(Message::Protobuf)
             }
-            Encoding::Ros(shape) => RosMessage::new(message, shape).map(Message::Ros),
-            Encoding::Json => return json::decode(message).map(Message::Json),
+            Reading::Ros(shape) => RosMessage::new(message, shape).map(Message::Ros),
+            Reading::Json => return json::decode(message).map(Message::Json),
         }
         .ok_or(Reason::Undecodable)
     }
-}
 
-impl Reading {
     /// What is wrong with a message that cannot be decoded.
     pub fn wrong(&self, message: &[u8]) -> String {
-        let schema = match &self.encoding {
-            Encoding::Json => {
+        let schema = match self {
+            Reading::Json => {
                 let e = serde_json::from_slice::<serde::de::IgnoredAny>(message).err();
-                return format!(
-                    "no JSON: {}",
-                    e.map_or(String::new(), |e| printable::of_parser(&e))
-                );
+                let what = e.map_or(String::new(), |e| printable::of_parser(&e));
+                return format!("no JSON: {what}");
             }
-            Encoding::Protobuf(root, _) => root.full_name(),
-            Encoding::Ros(shape) => &shape.types[0].name,
+            Reading::Protobuf(root, _) => root.full_name(),
+            Reading::Ros(shape) => &shape.types[0].name,
         };
         format!("its {} bytes are no {}", message.len(), printable::cell(schema))
     }
@@ -161,20 +151,19 @@ impl Plan {
             let checked = checked.and_then(|field| check_field(&field, key.slot, dialect.format));
             checked.map_err(|what| key.wrong(&what, &shape.fields()))?;
         }
-        let time = match &dialect.time {
-            TimeSource::Path(path) => Some(TimePaths::of(path)),
-            TimeSource::LogTime | TimeSource::PublishTime => None,
-        };
-        let time_unit_ns = match &dialect.time {
-            TimeSource::Path(path) => path.steps().last().and_then(|step| unit_ns(&step.name)),
-            TimeSource::LogTime | TimeSource::PublishTime => None,
+        let (time, time_unit_ns) = match &dialect.time {
+            TimeSource::Path(path) => {
+                let unit = path.steps().last().and_then(|step| unit_ns(&step.name));
+                (Some(TimePaths::of(path)), unit)
+            }
+            TimeSource::LogTime | TimeSource::PublishTime => (None, None),
         };
         Ok(Plan { dialect: dialect.clone(), reading, name, time, time_unit_ns })
     }
 
     /// Whether a field that is missing in a message is an error.
     pub fn names_every_field(&self) -> bool {
-        matches!(self.reading.encoding, Encoding::Json)
+        matches!(self.reading, Reading::Json)
     }
 
     /// Checks the paths of a JSON dialect against a message. The error says which key is wrong.

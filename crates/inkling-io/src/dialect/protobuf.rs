@@ -14,6 +14,7 @@
 use super::path::Step;
 use super::shape::{Base, Count, Field, MessageType, Shape};
 use super::value::{Array, Element, Gathered, Number, Value};
+use crate::thrift::zigzag;
 use crate::unpanicked::unpanicked;
 use bytes::Bytes;
 use prost::DecodeError;
@@ -219,7 +220,7 @@ fn gathered<'m>(kind: &Kind, parts: impl Iterator<Item = Piece<'m>>) -> Option<G
         while !rest.is_empty() {
             all.push(match kind {
                 // most samples, without the way over a number of 128 bits
-                Kind::Sint32 | Kind::Sint64 => zig_zag(decode_varint(&mut rest).ok()?) as f64,
+                Kind::Sint32 | Kind::Sint64 => zigzag(decode_varint(&mut rest).ok()?) as f64,
                 Kind::Int32 | Kind::Int64 => decode_varint(&mut rest).ok()? as i64 as f64,
                 _ => next_number(kind, &mut rest)?.float(),
             });
@@ -239,11 +240,6 @@ fn numbers<'m>(kind: &'m Kind, mut rest: &'m [u8]) -> impl Iterator<Item = Optio
     })
 }
 
-/// 0, −1, 1, −2 and so on are 0, 1, 2, 3.
-fn zig_zag(bits: u64) -> i64 {
-    (bits >> 1) as i64 ^ -((bits & 1) as i64)
-}
-
 fn next_number(kind: &Kind, rest: &mut &[u8]) -> Option<Number> {
     if let Some(element) = element(kind) {
         let (one, after) = rest.split_at_checked(element.bytes())?;
@@ -252,7 +248,7 @@ fn next_number(kind: &Kind, rest: &mut &[u8]) -> Option<Number> {
     }
     let bits = decode_varint(rest).ok()?;
     Some(Number::Integer(match kind {
-        Kind::Sint32 | Kind::Sint64 => i128::from(zig_zag(bits)),
+        Kind::Sint32 | Kind::Sint64 => i128::from(zigzag(bits)),
         Kind::Uint32 | Kind::Uint64 => i128::from(bits),
         _ => i128::from(bits as i64),
     }))

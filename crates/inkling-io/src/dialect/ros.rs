@@ -141,11 +141,8 @@ impl<'m> Walk<'m> {
 
     fn count(&mut self) -> Option<u32> {
         let at = self.take(4, 4)?;
-        let bytes = *self.of.bytes[at].first_chunk()?;
-        Some(match self.of.big_endian {
-            true => u32::from_be_bytes(bytes),
-            false => u32::from_le_bytes(bytes),
-        })
+        let number = Element::U32.read(&self.of.bytes[at], self.of.big_endian)?;
+        u32::try_from(number.integer()?).ok()
     }
 
     /// Passes over a text. It ends with a zero byte, which its length counts; the zero is cut off.

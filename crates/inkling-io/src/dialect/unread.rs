@@ -10,6 +10,7 @@ use super::guess::is_of_others;
 use super::names::has_word;
 use super::plan::{ChannelDescription, Reading};
 use crate::printable;
+use crate::unread_file::compressed_by;
 use bytes::Bytes;
 use inkling_core::verdict::Reason;
 
@@ -29,20 +30,6 @@ const BURSTS: &str = "burst bursts ring rings ringdown ringdowns wave waves wave
 /// The smallest message that counts for its printhead's name alone. What is shorter is a state or a
 /// temperature rather than a burst.
 const LEAST_BYTES: u64 = 128;
-
-/// How compressed bytes begin.
-const COMPRESSED: [(&[u8], &str); 5] = [
-    (&[0x28, 0xb5, 0x2f, 0xfd], "zstd"),
-    (&[0x04, 0x22, 0x4d, 0x18], "lz4"),
-    (&[0x1f, 0x8b], "gzip"),
-    (b"BZh", "bzip2"),
-    (&[0xfd, b'7', b'z', b'X', b'Z'], "xz"),
-];
-
-/// What compressed these bytes, by how they begin.
-pub fn compressed_by(bytes: &[u8]) -> Option<&'static str> {
-    COMPRESSED.iter().find(|(magic, _)| bytes.starts_with(magic)).map(|(_, name)| *name)
-}
 
 /// `message`: the first one, if it was kept; `largest`: bytes of the largest one.
 pub fn look<'p>(

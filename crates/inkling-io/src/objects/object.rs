@@ -64,8 +64,8 @@ struct Request {
     answer: Shared<BoxFuture<'static, Answer>>,
 }
 
-/// The whole part, or why the request's last try failed. `Err(None)`: the request was ended.
-type Answer = Result<Bytes, Option<(ErrorKind, String)>>;
+/// The whole part, or why the request's last try failed.
+type Answer = Result<Bytes, (ErrorKind, String)>;
 
 impl Request {
     fn begin(
@@ -74,9 +74,9 @@ impl Request {
         let task = runtime()?.spawn(request);
         let abort = task.abort_handle();
         let answer = task.map(|done| match done {
-            Ok(answer) => answer.map_err(|e| Some((e.kind(), e.to_string()))),
-            Err(e) if e.is_cancelled() => Err(None),
-            Err(_) => Err(Some((ErrorKind::Other, "the request panicked".into()))),
+            Ok(answer) => answer.map_err(|e| (e.kind(), e.to_string())),
+            // none is ended while somebody waits for it
+            Err(_) => Err((ErrorKind::Other, "the request panicked".into())),
         });
         Ok(Request { task: abort, answer: answer.boxed().shared() })
     }
@@ -125,17 +125,10 @@ impl Object {
     }
 
     /// The bytes of one part; also asks for the parts ahead. It blocks until the part is here or
-    /// its last try has failed ([`super::store`]). If the part is let go of meanwhile for other
-    /// readers' parts, it is asked for anew, with all of its tries.
+    /// its last try has failed ([`super::store`]).
     fn part(&self, number: u64) -> io::Result<Bytes> {
-        loop {
-            let answer = self.asked(number)?;
-            match runtime()?.block_on(answer) {
-                Ok(bytes) => return Ok(bytes),
-                Err(None) => {} // it was let go of for another reader's parts
-                Err(Some((kind, what))) => return Err(io::Error::new(kind, what)),
-            }
-        }
+        let answer = runtime()?.block_on(self.asked(number)?);
+        answer.map_err(|(kind, what)| io::Error::new(kind, what))
     }
 
     /// Asks for a part and for those ahead of it, where that was not done before; gives the answer
@@ -191,18 +184,14 @@ impl PartCache {
     }
 
     /// Lets go of parts until [`MOST_KEPT`] are left: first those before part `number`, which is
-    /// being read, then those after it, each the furthest first. Requests under way are ended.
+    /// being read, then those after it, each the furthest first. A request under way goes on for whoever waits for it.
     fn forget(&mut self, number: u64) {
-        while self.parts.len() > MOST_KEPT {
-            let before = |n: u64| number.saturating_sub(n); // 0 for those after it
-            let far = |n: u64| (before(n), n.abs_diff(number));
-            let Some(furthest) = self.parts.keys().copied().max_by_key(|&n| far(n)) else { return };
-            if furthest == number {
-                return;
-            }
-            if let Some(request) = self.parts.remove(&furthest) {
-                request.task.abort();
-            }
+        let before = |n: u64| number.saturating_sub(n); // 0 for those after it
+        let far = |n: &u64| (before(*n), n.abs_diff(number));
+        while self.parts.len() > MOST_KEPT
+            && let Some(furthest) = self.parts.keys().copied().max_by_key(far)
+        {
+            self.parts.remove(&furthest);
         }
     }
 }
@@ -218,38 +207,12 @@ impl Drop for Object {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use futures_util::future::pending;
-    use object_store::memory::InMemory;
-    use std::sync::Arc;
 
     #[test]
-    fn a_request_that_panics_has_failed_and_one_that_is_ended_has_no_answer() {
-        let answer = |request: Request| runtime().unwrap().block_on(request.answer);
+    fn a_request_that_panics_has_failed() {
         let panics = Request::begin(async { panic!("a test's own panic") }).unwrap();
-        assert!(matches!(answer(panics), Err(Some((ErrorKind::Other, _)))));
-        let ended = Request::begin(pending()).unwrap();
-        ended.task.abort();
-        assert_eq!(answer(ended), Err(None));
-    }
-
-    #[test]
-    fn a_part_that_was_let_go_of_is_asked_for_again_by_whoever_waits_for_it() {
-        let store = Arc::new(InMemory::new());
-        let place = Place { store: store.clone(), key: "a".into(), root: String::new() };
-        runtime().unwrap().block_on(store.put(&place.key, vec![7; 9].into())).unwrap();
-        let meta = runtime().unwrap().block_on(store.head(&place.key)).unwrap();
-        let object = Object { place, meta, parts: Mutex::default() };
-        object.parts.lock().unwrap().parts.insert(0, Request::begin(pending()).unwrap());
-        let mut buffer = [0; 9];
-        std::thread::scope(|scope| {
-            let reader = scope.spawn(|| object.read_at(0, &mut buffer));
-            while object.parts.lock().unwrap().parts[&0].answer.strong_count() < Some(2) {
-                std::thread::yield_now();
-            }
-            object.parts.lock().unwrap().parts.remove(&0).unwrap().task.abort();
-            reader.join().unwrap().unwrap();
-        });
-        assert_eq!(buffer, [7; 9]);
+        let answer = runtime().unwrap().block_on(panics.answer);
+        assert!(matches!(answer, Err((ErrorKind::Other, _))));
     }
 
     #[test]

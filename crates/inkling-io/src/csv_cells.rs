@@ -1,0 +1,150 @@
+//! Reads cells of CSV as people and instruments write them: numbers, missing ones, and times.
+//!
+//! In: a cell, and whether commas may stand before decimals ([`Cells`]). Out: a number or a [`Moment`], or what is
+//! wrong with the cell and what to do about it. [`Grouped`] looks at all cells together.
+
+use super::printable;
+use super::table_file::Moment;
+use chrono::{DateTime, NaiveDateTime};
+use inkling_core::verdict::NO_VALUE;
+
+/// What people and instruments write where there is no sample.
+const MISSING: &str = "nan na n/a null none nodata ol over ovl ovld overflow overload overrange underflow underrange \
+    max min \u{221e} #n/a #num! #div/0! #value!";
+/// How dates are written without a zone; they are taken as UTC.
+const DATES: [&str; 3] = ["%Y-%m-%d %H:%M:%S%.f", "%Y-%m-%dT%H:%M:%S%.f", "%d.%m.%Y %H:%M:%S%.f"];
+
+/// How the cells of a table are written.
+#[derive(Clone, Copy)]
+pub(super) struct Cells {
+    /// Whether a comma may stand before decimals, as where something else separates cells.
+    pub decimal_comma: bool,
+}
+
+impl Cells {
+    /// A cell as a number; NaN where it is empty or says that nothing was measured. `None`: it is neither.
+    pub fn number(self, cell: &str) -> Option<f64> {
+        let cell = unquoted(cell);
+        let word = cell.trim_start_matches(['+', '-', '<', '>']).to_lowercase().replace(' ', "");
+        let is_missing = MISSING.split(' ').any(|missing| missing == word)
+            // the words of a C library for what is no number, and cells that are filled with one sign
+            || word.starts_with("1.#")
+            || cell.chars().all(|sign| "-*#?".contains(sign));
+        if is_missing {
+            return Some(f64::NAN);
+        }
+        let x: f64 = self.with_point(cell).parse().ok()?;
+        Some(if x.abs() < NO_VALUE { x } else { f64::NAN })
+    }
+
+    /// A cell as a time in units of so many ns: a number, or a date.
+    pub fn moment(self, cell: &str, unit_ns: f64) -> Option<Moment> {
+        let date = || Some(Moment::of_ns(date_in(cell)?, unit_ns));
+        let number = || self.number(cell).map(Moment::from);
+        Moment::written(&self.with_point(unquoted(cell))).or_else(date).or_else(number)
+    }
+
+    /// Whether a cell is neither a number nor a date.
+    pub fn is_text(self, cell: &str) -> bool {
+        self.number(cell).is_none() && date_in(cell).is_none()
+    }
+
+    /// A number with a point before its decimals, where a comma may stand, and with the minus of a keyboard.
+    fn with_point(self, cell: &str) -> String {
+        let cell = cell.replace('\u{2212}', "-");
+        match self.decimal_comma && !cell.contains('.') {
+            true => cell.replacen(',', ".", 1),
+            false => cell,
+        }
+    }
+}
+
+/// A cell without quotes. The csv crate takes quotes that follow a blank for a part of the cell.
+pub(super) fn unquoted(cell: &str) -> &str {
+    cell.strip_prefix('"').and_then(|cell| cell.strip_suffix('"')).unwrap_or(cell)
+}
+
+/// Parses a time such as 2026-11-01T08:00:00.5Z, or 1.11.2026 8:00:00.5, to ns since 1970. A blank may stand instead of
+/// the T. `None`: the cell is no such time.
+fn date_in(cell: &str) -> Option<i64> {
+    let cell = unquoted(cell);
+    let plain = |format| Some(NaiveDateTime::parse_from_str(cell, format).ok()?.and_utc());
+    let zoned = DateTime::parse_from_rfc3339(cell).ok().map(|time| time.to_utc());
+    zoned.or_else(|| DATES.into_iter().find_map(plain))?.timestamp_nanos_opt()
+}
+
+/// Says that a cell is no number, and what to do about it; `otherwise`: if nothing in the cell says more.
+pub(super) fn no_number(cell: &str, otherwise: &str) -> String {
+    let cell = unquoted(cell);
+    let begins_with_digit =
+        cell.trim_start_matches(['+', '-']).starts_with(|c: char| c.is_ascii_digit());
+    let known = ADVICE.iter().find(|(is_cause, _)| begins_with_digit && is_cause(cell));
+    let advice = known.map_or(otherwise, |(_, advice)| advice);
+    format!("{:?} is no number: {advice}", printable::cell(cell))
+}
+
+/// Whether it is the cause, and what to do about it.
+type Cause = (fn(&str) -> bool, &'static str);
+
+/// Why a cell that begins with a digit is no number, the likeliest cause first, and what to do about it.
+const ADVICE: [Cause; 4] = [
+    (
+        |cell| [':', '/'].into_iter().any(|sign| cell.matches(sign).count() >= 2),
+        "write times as 2026-11-01T08:00:00.5, or as seconds",
+    ),
+    (|cell| cell.starts_with("0x") || cell.starts_with("0X"), "write whole numbers to base 10"),
+    (
+        |cell| cell.chars().all(|c| is_of_number(c) || c.is_whitespace() || ",'_’".contains(c)),
+        "write a point before decimals, and nothing between thousands",
+    ),
+    (
+        |cell| !cell.trim_matches(is_of_number).contains(|c: char| c.is_ascii_digit()),
+        "write the unit into the column's name",
+    ),
+];
+
+fn is_of_number(c: char) -> bool {
+    c.is_ascii_digit() || "+-.eE".contains(c)
+}
+
+/// Whether points stand between thousands, as where commas stand before decimals: each number with a point has three
+/// digits behind it, and whole numbers below a thousand have none.
+#[derive(Default)]
+pub(super) struct Grouped {
+    /// The first number with a point, and its line.
+    first: Option<(u64, String)>,
+    has_small: bool,
+    is_other: bool,
+}
+
+impl Grouped {
+    pub fn add(&mut self, cell: &str, line: u64) {
+        let cell = unquoted(cell);
+        let digits = cell.trim_start_matches(['+', '-']);
+        let is_digits = |of: &str| !of.is_empty() && of.bytes().all(|c| c.is_ascii_digit());
+        match digits.split_once('.') {
+            Some((whole, rest)) => {
+                let are_digits = is_digits(whole) && is_digits(rest);
+                let is_group = whole.len() <= 3 && rest.len() == 3 && !whole.starts_with('0');
+                self.is_other |= !(are_digits && is_group);
+                self.first.get_or_insert_with(|| (line, cell.to_owned()));
+            }
+            None if is_digits(digits) => {
+                self.has_small = true;
+                self.is_other |= digits.len() > 3;
+            }
+            None => {}
+        }
+    }
+
+    /// The line of the first such number, and what is wrong with it.
+    pub fn mistake(self) -> Option<(u64, String)> {
+        let (line, cell) = self.first.filter(|_| self.has_small && !self.is_other)?;
+        let what = format!(
+            "{:?} has a point and three digits, as all numbers here that are no whole ones below 1000: write \
+             nothing between thousands, or all decimals of all numbers",
+            printable::cell(&cell)
+        );
+        Some((line, what))
+    }
+}
