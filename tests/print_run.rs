@@ -115,3 +115,24 @@ fn a_printhead_that_is_louder_or_noisier_as_a_whole_is_told() {
         assert_eq!(told.contains("hold more than the ring"), noise > 0.0, "{gain} {noise}: {told}");
     }
 }
+
+/// As an amplifier does that was set anew, on all printheads, after the design was trained.
+#[test]
+fn a_gain_of_a_half_more_costs_no_name() {
+    let house = House::new();
+    for gain in [1.2, 1.45] {
+        let all = bursts(&sample("print_run.mcap"));
+        let changed: Vec<_> =
+            all.iter().map(|of| with_samples(of, |_, _, y| (gain * y).round())).collect();
+        house.record("print_run.mcap", &changed);
+        house.ok("replay print_run.mcap --design sample_logs/design.json --out out --force");
+        let score = "score out/print_run.verdicts.parquet --labels sample_logs/labels.csv --json";
+        let score = house.json(score);
+        println!("{gain}: {} {}", score["detection"], score["episodes"]);
+        assert_eq!(score["episodes"]["false"], 0, "{gain}");
+        assert_eq!(score["episodes"]["category_accuracy"], 1.0, "{gain}");
+        // the stated rate allows 6 of 8322
+        assert!(score["detection"]["fp"].as_u64().unwrap() <= 12, "{gain}: {}", score["detection"]);
+        assert!(score["detection"]["fn"].as_u64().unwrap() <= 12, "{gain}: {}", score["detection"]);
+    }
+}

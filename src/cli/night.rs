@@ -152,7 +152,7 @@ fn night(args: Args) -> Result<Exit, Failure> {
     let mut kept = Kept::read(&kept_at);
     let read = results::find(std::slice::from_ref(&settings.output.dir), "a report")
         .and_then(|found| Ok((report_page::read(&found, &settings, true)?, found)));
-    let (read, ended) = match (read, ended) {
+    let (read, mut ended) = match (read, ended) {
         (Ok(read), ended) => (Some(read), ended),
         (Err(_), Err(failure)) => (None, Err(failure)),
         (Err(failure), Ok(_)) => (None, Err(failure)),
@@ -161,8 +161,11 @@ fn night(args: Args) -> Result<Exit, Failure> {
         page.write(&read.report)?;
         write_json(&account_at, &read.report.account())?;
         if !is_quiet {
-            kept.tell(read, found, &kept_at)?;
-            kept.take(run.recordings.clone(), &read.report);
+            // what cannot be told is told by the next night; whoever watches metrics hears of it now
+            match kept.tell(read, found, &kept_at) {
+                Ok(()) => kept.take(run.recordings.clone(), &read.report),
+                Err(failure) => ended = Err(failure),
+            }
         }
     }
     let ended = match (ended, &read) {

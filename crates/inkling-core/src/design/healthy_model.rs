@@ -153,14 +153,16 @@ impl HealthyModel {
         self.warm(warmer, out);
     }
 
-    /// How many K a temperature lies above where the model is. What is unknown (NaN), not to be believed or without
-    /// effect counts as the model's reference temperature.
+    /// How many K a temperature lies above where the model is; 0: without effect, or it is unknown (NaN) or not to be
+    /// believed. Then it is taken for what it was last, where the model was moved to: ink does not jump from burst to
+    /// burst, sensors do.
     pub fn warmer(&self, temperature_c: f64) -> f64 {
-        let from_reference = match (&self.temperature_response, self.temperature_c) {
-            (Some(_), Some(reference)) if self.believes(temperature_c) => temperature_c - reference,
+        match (&self.temperature_response, self.temperature_c) {
+            (Some(_), Some(reference)) if self.believes(temperature_c) => {
+                temperature_c - reference - self.moved_k
+            }
             _ => 0.0,
-        };
-        from_reference - self.moved_k
+        }
     }
 
     /// Whether a recorded temperature may be that of the ink: what is far from the model's was recorded in another
