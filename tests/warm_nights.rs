@@ -39,7 +39,7 @@ fn night(house: &House, n: i64, ink: f64, sensor: f64, fails: bool) {
     let bursts = (0..40).map(|burst| {
         // it wanders a little
         let swing = 0.5 * (f64::from(burst) / 9.0 + n as f64).sin();
-        let signal = |own: &Offsets, channel: usize| {
+        let mut signal = |own: &Offsets, channel: usize| {
             let now = offsets(&mut rng, [0.003, 0.003, 0.0004, 0.002]);
             let of = |k: usize, per_k: f64| own[k] + now[k] + per_k * (ink + swing);
             let dried = if channel == FAULTY && n >= 3 { 1.45f64.ln() } else { 0.0 };
@@ -53,7 +53,6 @@ fn night(house: &House, n: i64, ink: f64, sensor: f64, fails: bool) {
             });
             y.collect::<Vec<f32>>()
         };
-        let mut signal = signal;
         let signals: Vec<Vec<f32>> =
             own.iter().enumerate().map(|(channel, own)| signal(own, channel)).collect();
         Burst {

@@ -14,8 +14,8 @@ use std::sync::Arc;
 /// which it is moved again. The level's own noise is about .1 of each feature's. Heuristic.
 const FIRST_MOVE: f64 = 0.4;
 const NEXT_MOVE: f64 = 0.2;
-/// The same for what a temperature does that was recorded. A channel one standard deviation off in frequency is then
-/// read half a standard deviation off in damping. Heuristic.
+/// The same for what a temperature does that was recorded. By the figures of `moved_model.rs`, a channel that lies one
+/// standard deviation off in frequency is then read a fifth of one off in damping. Heuristic.
 const WARMER_MOVE: f64 = 1.0;
 /// A level counts as surely off if it is off by more than this many standard deviations of its noise.
 const SURE_SDS: f64 = 4.0;

@@ -159,7 +159,7 @@ impl Report {
         let faults = |head: &survey::Head| {
             let moved_ns = head_changes::moved_ns(head, sources);
             let stories =
-                head.watches.iter().map(|of| stories(head, of, &moved_ns, (&rates, acknowledged)));
+                head.watches.iter().map(|of| stories(head, of, &moved_ns, &rates, acknowledged));
             stories.flat_map(|of| Fault::of_channel(of, &settings)).collect::<Vec<_>>()
         };
         let mut faults: Vec<Fault> = survey.heads.iter().flat_map(faults).collect();
@@ -209,7 +209,8 @@ fn stories(
     head: &survey::Head,
     watch: &Watch,
     moved_ns: &[[i64; 2]],
-    (rates, acknowledged): (&Rates, &Acknowledged),
+    rates: &Rates,
+    acknowledged: &Acknowledged,
 ) -> Vec<Story> {
     let ends_ns = |recording: usize| {
         let span = head.tallies.get(&recording).and_then(|of| of.span);

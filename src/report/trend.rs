@@ -318,8 +318,10 @@ fn line(points: &[(f64, f64)], of: Points) -> Option<Trend> {
     let span_days = points[points.len() - 1].0 - points[0].0;
     let mut interval = [slope - half, slope + half];
 
-    // Nights share little: what looks like correlation there is that a fault grows by no straight line. That makes it
-    // less sure how fast it grows, and not whether: the bound next to 0 is that of nights by themselves.
+    // Nights are taken to share little: what looks like correlation there is mostly that a fault grows by no straight
+    // line. That makes it less sure how fast the fault grows, and not whether: the bound next to 0 is that of nights by
+    // themselves. Where sizes wander from night to night, constant faults are said to change more often than one in
+    // twenty times; that is not tested.
     let half = student_quantile(0.975, n - 2.0) * error;
     if of == Points::Nights && half < slope.abs() {
         interval[usize::from(slope < 0.0)] = slope - half.copysign(slope);

@@ -59,7 +59,7 @@ impl BaselineFile {
         self.of_another_design.as_deref()
     }
 
-    /// For who must not put a file aside: that of another design is refused.
+    /// Refuses the file of another design, for callers that may not put it aside.
     pub fn of_this_design(self) -> Result<BaselineFile, FileError> {
         match &self.of_another_design {
             Some(why) => Err(FileError::mistaken(

@@ -134,7 +134,8 @@ fn checked_and_judged(
     }
     let other = baseline_file.as_ref().and_then(BaselineFile::of_another_design);
     let begun_anew = other.map(|what| {
-        format!("--baseline: {what}: that file is now called .stale, and all begins anew")
+        let file = &replay.settings.input.baseline;
+        format!("--baseline: {what}: that file is kept as {file}.stale, and all begins anew")
     });
     if let Some(file) = baseline_file.as_mut().filter(|_| is_anew || begun_anew.is_some()) {
         // a run that is killed from here on is gone on with as if somebody had removed the file

@@ -7,9 +7,9 @@
 //!
 //! The temperature response of a model is a line, added to every signal alike. Of a channel that rings otherwise than
 //! the model does it says too little: 7 K off the reference, where frequency has moved by .8 %, a channel whose
-//! frequency lies .7 % beside the others' seems to be damped 3 % more. Moved to the temperature the model says
-//! nothing wrong about such channels, and where it was learned as an exponential law, as that of viscosity is, it holds
-//! farther out, too.
+//! frequency lies .7 % beside the others' seems to be damped 3 % more. A model that is moved to the temperature reads
+//! such a channel rightly; and as it moves logarithms, it is right farther out where temperature acts exponentially, as
+//! it does on viscosity.
 //!
 //! Also the way back: a signal's features relative to the healthy mean, from which the state
 //! estimates the change ([`Judge::features`]), and what it must know of a judge ([`Judge::kind`]).
@@ -34,8 +34,8 @@ impl HealthyModel {
         let per_k = self.features_per_k(&fitter);
         let there = Features::from(by + warmer * per_k);
         let size = there.ln_amplitude.exp();
-        // A gain enlarges noise, and what rings leave, as the rings; a larger drive does not, but lets its signals pass
-        // for nothing worse. Of a quieter head the noise may be as it was.
+        // A gain enlarges noise, and what rings leave, by as much as the rings. A larger drive that was not recorded does
+        // not: there the test becomes somewhat less sensitive. Of a quieter head the noise may be as it was.
         let louder = size.max(1.0);
 
         let ring = Ring {
