@@ -35,7 +35,7 @@ fn night(house: &House, n: i64, ink: f64, sensor: f64, fails: bool) {
     let mut make = ChaCha8Rng::seed_from_u64(7);
     let own: Vec<Offsets> =
         (0..CHANNELS).map(|_| offsets(&mut make, [0.015, 0.012, 0.007, 0.012])).collect();
-    let mut rng = ChaCha8Rng::seed_from_u64(100 + n as u64);
+    let mut rng = ChaCha8Rng::seed_from_u64((100 + n) as u64);
     let bursts = (0..40).map(|burst| {
         // it wanders a little
         let swing = 0.5 * (f64::from(burst) / 9.0 + n as f64).sin();
@@ -91,5 +91,37 @@ fn a_warm_night_and_a_wrong_sensor_make_no_fault_and_hide_none() {
         assert!(!told.contains("replaced") && !told.contains("others than"), "{told}");
         // all channels lie where the sensor does not say
         assert_eq!(told.contains("moved together"), ink != sensor, "{ink} {sensor}: {told}");
+    }
+}
+
+/// Standard deviations of healthy channels' features in the design's model of all printheads.
+fn spread(house: &House, design: &str) -> [f64; 3] {
+    let of = &house.read_json(design)["pooled"]["sensitivity"]["spread"];
+    std::array::from_fn(|k| of[k][k].as_f64().unwrap().sqrt())
+}
+
+/// Labels over 18 K say the same of healthy channels as labels of one temperature: what temperature does is no scatter, in
+/// which a fault would hide that is there from the state's first night on.
+#[test]
+fn a_design_of_many_temperatures_sees_a_fault_of_the_first_night() {
+    let house = House::new();
+    house.write("healthy.csv", "printhead,channel,from,to,state,severity\n*,*,,,healthy,\n");
+    for (name, times) in [("wide", 4.5), ("narrow", 0.0)] {
+        for n in -6..-1 {
+            let warmer = times * (n + 4) as f64;
+            night(&house, n, warmer, warmer, false);
+        }
+        house.ok(&format!("train n-6.mcap n-5.mcap n-4.mcap n-3.mcap n-2.mcap --labels healthy.csv -o {name}.json"));
+    }
+    let (wide, narrow) = (spread(&house, "wide.json"), spread(&house, "narrow.json"));
+    for k in 0..3 {
+        assert!(wide[k] < 1.15 * narrow[k], "{wide:?} over many temperatures, {narrow:?} at one");
+    }
+    for n in 3..6 {
+        night(&house, n, 4.0 - n as f64, 4.0 - n as f64, false);
+        house.ok(&format!("replay n{n}.mcap --design wide.json --baseline b.json --out out"));
+        let faulty: Vec<u32> =
+            house.episodes(&format!("out/n{n}")).iter().map(|of| of.channel).collect();
+        assert_eq!(faulty, [FAULTY as u32], "night {n}");
     }
 }

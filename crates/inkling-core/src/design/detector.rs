@@ -261,8 +261,10 @@ impl SensitivityDetector {
         let fit = self.rings.fitter.fit_from(signal, &Features::from(near), true)?;
         // what a ring leaves of a larger signal is larger by as much, so that a louder head is a ring all the same
         let louder = fit.features.ln_amplitude.exp().max(1.0);
-        let is_ring = self.unexplained(signal, &fit, drive) <= self.ring_only * louder.powi(2);
-        is_ring.then(|| fit.features.coordinates())
+        let is_ring_only = self.unexplained(signal, &fit, drive) <= self.ring_only * louder.powi(2);
+        // where a cable is out, noise alone leaves little, too: it says nothing of where the channel lies
+        let noise = self.sensitivity.noise_of_one_sample() / drive;
+        (is_ring_only && is_ring(&fit, noise)).then(|| fit.features.coordinates())
     }
 
     /// Standard deviations of healthy signals' four features, noise included.
@@ -320,6 +322,16 @@ impl SensitivityDetector {
         out.clear();
         out.extend(self.expected.iter().zip(deviation).map(|(e, d)| e + d / drive));
     }
+}
+
+/// Whether a fit explains more of a signal than of noise alone. `noise`: standard deviation of one
+/// sample of the signal that was fitted, counts. Of noise alone a damped cosine explains a square
+/// norm (over noise²) as large as the largest of some hundred values of chi-squared with two
+/// degrees of freedom, one per frequency, which exceeds 2 ln(100 / p) with probability p.
+pub(super) fn is_ring(fit: &Fit, noise: f64) -> bool {
+    /// 2 ln(100 / p) with p one in five million: so rarely noise alone counts as a ring.
+    const NOISE_ALONE: f64 = 40.0;
+    fit.square - fit.misfit > NOISE_ALONE * noise * noise
 }
 
 /// The features of a fit whose phase was held. `None`: the ring is upside down (a phase of half a

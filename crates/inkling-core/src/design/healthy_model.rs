@@ -114,14 +114,6 @@ impl HealthyModel {
         self.misfit.as_ref().map_or(self.noise, of_misfit)
     }
 
-    /// Writes signal `i` of a set, N, counts.
-    pub(super) fn at_reference(&self, set: &SignalSet, i: usize, y: &mut [f64]) {
-        let (drive, warmer) = (set.drive[i], self.warmer(set.temperature_c[i]));
-        let at = set.signal(i).iter().map(|v| (f64::from(*v) - self.offset) / drive);
-        y.iter_mut().zip(at).for_each(|(y, v)| *y = v);
-        self.warm(-warmer, y);
-    }
-
     /// Adds to `y`, a healthy signal at the reference drive, what `warmer` K change; N, counts.
     pub(super) fn warm(&self, warmer: f64, y: &mut [f64]) {
         if let Some(response) = self.temperature_response.as_ref().filter(|_| warmer != 0.0) {

@@ -48,7 +48,23 @@ impl HealthyModel {
         model.map(|model| HealthyModel { offset, ..model }).map_err(|_| e)
     }
 
+    /// Labelled signals twice: what temperature does is known after the first time, and the second time they are learned
+    /// from at one temperature. A window's temperatures hardly differ.
     fn learn_about_zero(
+        set: &SignalSet,
+        printhead: Option<&str>,
+        anchor: Option<&HealthyModel>,
+        settings: LearnSettings,
+    ) -> Result<HealthyModel> {
+        let first = HealthyModel::learn_once(set, printhead, anchor, settings)?;
+        if first.temperature_response.is_none() || settings.least_agreeing.is_some() {
+            return Ok(first);
+        }
+        let (per_k, at_one) = first.at_one_temperature(set)?;
+        HealthyModel::learn_once(&at_one, printhead, Some(&first.with_per_k(per_k)?), settings)
+    }
+
+    fn learn_once(
         set: &SignalSet,
         printhead: Option<&str>,
         anchor: Option<&HealthyModel>,

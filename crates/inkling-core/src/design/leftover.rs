@@ -14,7 +14,7 @@ use super::rings::Rings;
 use crate::identify::SignalSet;
 use crate::model::inner_product::dot;
 use crate::model::median::median;
-use crate::model::ring_fit::{Features, FitBuffers};
+use crate::model::ring_fit::Features;
 
 /// At most so many signals are fitted, spread evenly over the set.
 const MOST_SIGNALS: usize = 4096;
@@ -40,8 +40,8 @@ impl Misfits {
         self
     }
 
-    /// Fits rings (the phase free) to at most `MOST_SIGNALS` signals of a set, at the reference
-    /// drive and temperature, from `near` if given. The leftover is still in the result.
+    /// Fits rings (the phase free) to at most `MOST_SIGNALS` signals of a set, at the reference drive, from `near` if given
+    /// (at the model's temperature). The leftover is still in the result.
     pub fn of(
         model: &HealthyModel,
         rings: &Rings,
@@ -51,21 +51,14 @@ impl Misfits {
         let every = set.len().div_ceil(MOST_SIGNALS).max(1);
         let chosen: Vec<usize> = (0..set.len()).step_by(every).collect();
         let mut of = Misfits::default();
-
-        let starts = vec![near; chosen.len()];
-        let copy = |i: usize, y: &mut [f64]| model.at_reference(set, chosen[i], y);
-        let fits = rings.fitter.fit_all(true, &mut FitBuffers::default(), &starts, copy);
-
         // at the signals' own drives all misfits have the same noise
-        let mut y = vec![0.0; set.samples];
-        for (&i, fit) in chosen.iter().zip(fits) {
-            let Some(fit) = fit else { continue };
+        model.each_own_ring((&rings.fitter, near), (set, &chosen), |i, y, fit| {
+            let Some(fit) = fit else { return };
             let drive = set.drive[i];
-            model.at_reference(set, i, &mut y);
-            let left = rings.beside.misfit(&rings.fitter, &y, &fit.features);
+            let left = rings.beside.misfit(&rings.fitter, y, &fit.features);
             of.rows.push(left.into_iter().map(|v| v * drive).collect());
             of.size.push(fit.features.ln_amplitude.exp() * drive);
-        }
+        });
         of
     }
 

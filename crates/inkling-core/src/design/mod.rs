@@ -36,6 +36,7 @@ mod promise;
 mod reported_ring;
 mod residual;
 mod rings;
+mod temperature;
 mod train;
 mod training_set;
 pub mod tuned;

@@ -64,11 +64,11 @@ impl HealthyModel {
         moved.misfit = moved.misfit.map(|of| of.louder(louder));
 
         // what temperature does to the ring it does from there on; what it does beside the ring stays
-        let [here, there] = [fitter.tangent(&Features::HEALTHY), tangent].map(|of| of * per_k);
         if let Some(response) = &mut moved.temperature_response {
-            for (k, slope) in response.iter_mut().enumerate() {
-                moved.expected[k] += warmer * (*slope - here[k]);
-                *slope += there[k] - here[k];
+            let there = tangent * per_k;
+            for (k, beside) in self.beside_per_k(&fitter).into_iter().enumerate() {
+                moved.expected[k] += warmer * beside;
+                response[k] = there[k] + beside;
             }
             moved.moved_k = warmer;
         }

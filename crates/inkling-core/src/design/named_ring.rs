@@ -12,6 +12,7 @@
 //! 4. A signal that leaves more beside its ring than is usual in the best class is no ring of it.
 //! 5. The severity of the named class, or of the candidate, is read off the class's fault curve.
 
+use super::detector::is_ring;
 use super::isolator::{Isolator, RingClassifier};
 use super::judge::{Isolating, Judge};
 use super::{Isolation, workspace::Workspace};
@@ -27,16 +28,6 @@ use nalgebra::{Vector2, Vector4};
 /// A signal of which nothing is named is said to be of no class if the probability of all classes
 /// together is below this, as a test at the usual 5 % would. Above, it stays undecided.
 const OF_NONE: f64 = 0.05;
-
-/// Whether a fit explains more of a signal than of noise alone. `noise`: standard deviation of one
-/// sample of the signal that was fitted, counts. Of noise alone a damped cosine explains a square
-/// norm (over noise²) as large as the largest of some hundred values of chi-squared with two
-/// degrees of freedom, one per frequency, which exceeds 2 ln(100 / p) with probability p.
-pub(super) fn is_ring(fit: &Fit, noise: f64) -> bool {
-    /// 2 ln(100 / p) with p one in five million: so rarely noise alone counts as a ring.
-    const NOISE_ALONE: f64 = 40.0;
-    fit.square - fit.misfit > NOISE_ALONE * noise * noise
-}
 
 impl Judge {
     /// The fitter of rings for isolation; `None`: the method of isolation fits no rings.

@@ -6,7 +6,7 @@
 //! in closed form from its deviation (other signals, where `output.ring` asks for them).
 
 use super::judge::Judge;
-use super::named_ring::is_ring;
+use super::detector::is_ring;
 use super::workspace::Workspace;
 use crate::model::ring_fit::RingFitter;
 

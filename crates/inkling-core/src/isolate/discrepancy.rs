@@ -1,8 +1,9 @@
 //! How far the physics of one kind of fault lies off signals that were labelled with a size
 //! (Kennedy and O'Hagan, 2001): learned with its own uncertainty, instead of assumed.
 //!
-//! In: per channel the mean features of its labelled signals, less those of the fault curve. Out: a
-//! [`Discrepancy`], by which [`super::fault_curve`] moves and widens the curve:
+//! In: per channel and labelled size the mean features of these signals, less those of the fault curve; all sizes of a
+//! channel together count as one look, as they are not independent. Out: a [`Discrepancy`], by which
+//! [`super::fault_curve`] moves and widens the curve:
 //!
 //! ```text
 //! features - curve(s) = rows(s) c + e,    c ~ N(0, 1),    e ~ N(0, channels' own changes + noise)
@@ -25,9 +26,11 @@ const TERMS: usize = 6;
 const UNKNOWNS: usize = CHANGES + 4 * TERMS;
 pub(super) type Rows = SMatrix<f64, 4, UNKNOWNS>;
 
-/// The mean of the labelled signals of one channel.
+/// The mean of the signals of one channel that are labelled with one size.
 #[derive(Clone, Debug)]
 pub(super) struct Shown {
+    /// One over the number of sizes of its channel.
+    pub share: f64,
     /// Features less those of the curve.
     pub off: Vector4<f64>,
     pub rows: Rows,
@@ -124,12 +127,12 @@ impl Learned {
         for channel in channels {
             let (across, expected, rest) = self.predict(channel);
             let scatter = channel.scatter + self.rest;
-            ln_odds += label(&channel.off, &(channel.belief + channel.scatter)).ln_density;
+            let if_it_holds = label(&channel.off, &(channel.belief + channel.scatter)).ln_density;
             let label = label(&rest, &(expected + scatter));
-            ln_odds -= label.ln_density;
+            ln_odds += channel.share * (if_it_holds - label.ln_density);
 
             // a label that is surely wrong teaches nothing
-            let weight = label.is_right.max(1e-9);
+            let weight = channel.share * label.is_right.max(1e-9);
             let Some(inverse) = (expected + scatter / weight).try_inverse() else { continue };
             let gain = &across * DMatrix::from_column_slice(4, 4, inverse.as_slice());
             self.mean += &gain * DVector::from_column_slice(rest.as_slice());
@@ -150,28 +153,29 @@ impl Learned {
 
     /// The share of the channels whose labels are wrong.
     fn wrong_share(&self, channels: &[Shown]) -> f64 {
-        let is_right = |channel: &Shown| {
+        let is_wrong = |channel: &Shown| {
             let (_, known, off) = self.predict(channel);
-            label(&off, &(known + channel.scatter + self.rest)).is_right
+            channel.share * (1.0 - label(&off, &(known + channel.scatter + self.rest)).is_right)
         };
-        1.0 - channels.iter().map(is_right).sum::<f64>() / channels.len().max(1) as f64
+        channels.iter().map(is_wrong).sum::<f64>() / number_of(channels)
     }
 
     /// How far the channels lie off what was learned of them.
     fn off(&self, channels: &[Shown]) -> Off {
-        let n = channels.len().max(1) as f64;
-        let scatter = channels.iter().map(|of| of.scatter + self.rest).sum::<Matrix4<f64>>() / n;
+        let each = channels.iter().map(|of| (of.scatter + self.rest) * of.share);
+        let scatter = each.sum::<Matrix4<f64>>() / number_of(channels);
         let axes = SymmetricEigen::new(scatter).eigenvectors;
         let along = |of: &Matrix4<f64>| (axes.transpose() * of * axes).diagonal();
         let [mut found, mut freedom] = [Vector4::repeat(FEW as f64); 2];
         for channel in channels {
             let (_, known, off) = self.predict(channel);
             let is_right = label(&off, &(known + channel.scatter + self.rest)).is_right;
+            let weight = channel.share * is_right;
             let scatter = along(&(channel.scatter + self.rest));
-            found += along(&(off * off.transpose())).component_div(&scatter) * is_right;
+            found += along(&(off * off.transpose())).component_div(&scatter) * weight;
             // what was learned of a channel it is not off by
             let learned = along(&known).component_div(&scatter).map(|v| v.min(1.0));
-            freedom += (Vector4::repeat(1.0) - learned) * is_right;
+            freedom += (Vector4::repeat(1.0) - learned) * weight;
         }
         Off { scatter: along(&scatter), more: found.component_div(&freedom), axes, freedom }
     }
@@ -186,6 +190,11 @@ impl Learned {
             Matrix4::from_column_slice(covariance.as_slice()) + self.rest,
         )
     }
+}
+
+/// How many channels they are, 1 at least.
+fn number_of(channels: &[Shown]) -> f64 {
+    channels.iter().map(|channel| channel.share).sum::<f64>().max(1.0)
 }
 
 /// How far channels lie off what was learned of them, in the principal directions (`axes`) of their `scatter`.
@@ -294,6 +303,7 @@ mod tests {
     fn shown(law: &Law, size: f64, features: Vector4<f64>, rng: &mut ChaCha8Rng) -> Shown {
         let scatter: Vector4<f64> = Vector4::from_fn(|_, _| StandardNormal.sample(rng));
         Shown {
+            share: 1.0,
             off: features + 2.0 * SD * scatter,
             rows: rows(law, 1.0, &point(law, size)),
             belief: Matrix4::zeros(),

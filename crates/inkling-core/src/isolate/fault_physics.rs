@@ -176,7 +176,9 @@ impl FaultPhysics {
         let (mut simulator, change) = (self.simulator(&fitter)?, self.change()?);
         let sized = labelled.iter().filter(|signal| signal.severity.is_finite());
         let known = sized.filter_map(|signal| Some((signal, self.laws.law(&signal.kind)?)));
-        let mut kinds: Vec<(&str, &Law, BTreeMap<_, Vec<Look>>)> = Vec::new();
+        // by channel and size: the mean over sizes of a channel that ran through all of them would be of none
+        type Sizes = BTreeMap<u64, Vec<Look>>;
+        let mut kinds: Vec<(&str, &Law, BTreeMap<_, Sizes>)> = Vec::new();
         for (signal, law) in known {
             let Some(look) = signal.look(law, &mut simulator, &change) else { continue };
             let place = kinds.iter().position(|(_, kind, _)| kind.is_kind_of(law));
@@ -184,12 +186,18 @@ impl FaultPhysics {
                 kinds.push((&signal.kind, law, BTreeMap::new()));
                 kinds.len() - 1
             });
-            kinds[place].2.entry(&signal.channel).or_default().push(look);
+            let sizes = kinds[place].2.entry(&signal.channel).or_default();
+            sizes.entry(signal.severity.to_bits()).or_default().push(look);
         }
-        let learn = |(name, law, channels): (&str, &Law, BTreeMap<_, Vec<Look>>)| {
+        let learn = |(name, law, channels): (&str, &Law, BTreeMap<_, Sizes>)| {
             let largest = self.laws.largest(law);
-            let shown = channels.values().map(|looks| self.shown(law, largest, looks));
-            (name.to_string(), Discrepancy::learn(law, &shown.collect::<Vec<_>>()))
+            let of_channel = |sizes: &Sizes| -> Vec<Shown> {
+                let share = 1.0 / sizes.len() as f64;
+                let shown = |looks: &Vec<Look>| self.shown(law, (largest, share), looks);
+                sizes.values().map(shown).collect()
+            };
+            let shown: Vec<Shown> = channels.values().flat_map(of_channel).collect();
+            (name.to_string(), Discrepancy::learn(law, &shown))
         };
         let learned: Vec<(String, Option<Discrepancy>)> = kinds.into_iter().map(learn).collect();
         for (name, of) in learned {
@@ -201,14 +209,15 @@ impl FaultPhysics {
         Some(())
     }
 
-    /// The mean of what one channel shows of a law.
-    fn shown(&self, law: &Law, largest: f64, looks: &[Look]) -> Shown {
+    /// The mean of what one channel shows of a law at one size. `share`: one over the number of the channel's sizes.
+    fn shown(&self, law: &Law, (largest, share): (f64, f64), looks: &[Look]) -> Shown {
         let n = looks.len() as f64;
         let slope = looks.iter().map(|look| look.point.slope).sum::<Slope>() / n;
         let believed = looks.iter().map(|look| look.point.belief_slope).sum::<Slope>() / n;
         let noise = looks.iter().map(|look| look.noise).sum::<Matrix4<f64>>() / (n * n);
         let rows = looks.iter().map(|look| discrepancy::rows(law, largest, &look.point));
         Shown {
+            share,
             off: looks.iter().map(|look| look.off).sum::<Vector4<f64>>() / n,
             rows: rows.sum::<discrepancy::Rows>() / n,
             belief: believed * self.belief() * believed.transpose(),

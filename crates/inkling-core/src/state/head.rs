@@ -285,11 +285,14 @@ impl Head {
         let mut of = explain(&expected, &members);
         of.alike *= rings;
 
-        // a move too large for walk and leap together is another head's
+        // a move too large for walk and leap together is another head's, unless it leads back to where the design
+        // learned such heads, as fresh ink or a cleaning of all channels does
         let move_by = of.level - self.level;
         let allowed = (self.covariance + self.kind.leap).try_inverse()?;
         if move_by.dot(&(allowed * move_by)) > NOT_THIS_HEAD {
-            of.by = Move::Strange;
+            let of_heads = self.kind.spread.add_scalar(1.0) * process::OF_HEADS;
+            let from_design = of.level.zip_map(&of_heads, |d, v| d * d / v).sum();
+            of.by = if from_design > NOT_THIS_HEAD { Move::Strange } else { Move::Leap };
         }
 
         // a head moves with all of its channels but the faulty ones, so a move that leaves too many

@@ -10,7 +10,7 @@ use crate::model::ring_down::ring_down_into;
 use crate::model::ring_fit::FitBuffers;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use rand_distr::StandardNormal;
+use rand_distr::{Distribution, StandardNormal};
 
 const DT_S: f64 = 0.8e-6;
 const SAMPLES: usize = 120;
@@ -325,4 +325,43 @@ fn a_known_channel_is_sized_better_and_its_baseline_is_followed() {
     assert!(without.value > 1.75, "{without:?}: it looks worse than it is");
     assert!((with.value - 1.7).abs() < 0.03, "{with:?}");
     assert!(with.sd < 0.7 * without.sd, "{with:?} {without:?}");
+}
+
+/// A user's own class, of which each labelled channel ran through all sizes: the mean over a channel's sizes is none of
+/// them, so what a size looks like must come from each by itself.
+#[test]
+fn channels_that_ran_through_all_sizes_tell_each_size() {
+    let mut physics = physics(TRUE, 0.01);
+    physics.laws.add_sizes("own", [0.1, 1.1]);
+    let mut rng = ChaCha8Rng::seed_from_u64(61);
+    let mut at = |size: f64| {
+        let scatter = Vector4::from_fn(|k, _| {
+            let z: f64 = StandardNormal.sample(&mut rng);
+            [0.01, 0.01, 0.003, 0.01][k] * z
+        });
+        Vector4::new(-0.1 * size, (1.0 + 0.8 * size).ln(), (1.0 - 0.1 * size).ln(), 0.0) + scatter
+    };
+    let mut labelled = Vec::new();
+    for channel in 0..5 {
+        for step in 0..26 {
+            let severity = 0.15 + 0.85 * f64::from(step) / 25.0;
+            labelled.push(LabelledFault {
+                class: "own".into(),
+                kind: "own".into(),
+                severity,
+                features: at(severity),
+                drive: 1.0,
+                ring: [0.0; 2],
+                channel: (None, channel),
+                weight: 1.0 / 26.0,
+            });
+        }
+    }
+    physics.learn_discrepancies(&labelled, (DT_S, SAMPLES)).unwrap();
+    let curves = physics.curves(&[Class::plain("own")], DT_S, SAMPLES);
+    for truth in [0.25, 0.5, 0.75, 0.95] {
+        let told = curves.severity(0, &[1.0], &compared(&curves, &at(truth))).unwrap();
+        let off = (told.value - truth).abs();
+        assert!(off < 2.6 * told.sd && off < 0.1 && told.sd < 0.1, "{told:?}, not {truth}");
+    }
 }
