@@ -1,5 +1,6 @@
-//! Nights at other ink temperatures than the design was trained at, and nights whose sensor says another temperature than
-//! the ink has: no channel is told as replaced or as faulty for that, and the fault that there is stays known.
+//! Nights at other ink temperatures than the design was trained at, nights whose sensor says another temperature than the
+//! ink has, and nights whose cable was out: no channel is told as replaced or as faulty for that, and the fault that there
+//! is stays known.
 //!
 //! Rings are written down: damping and resonance follow temperature exponentially, and every channel rings a little
 //! otherwise. 7 K off the training's temperatures a straight line, added to every channel alike, reads 3 % of damping
@@ -32,6 +33,11 @@ fn offsets(rng: &mut ChaCha8Rng, sds: Offsets) -> Offsets {
 /// A night of 40 bursts, `ink` and `sensor` K above the temperature of the training; of every third burst the sensor says
 /// nothing if it `fails`.
 fn night(house: &House, n: i64, ink: f64, sensor: f64, fails: bool) {
+    record(house, n, (ink, sensor, fails), 5200.0);
+}
+
+/// `counts`: of the rings when they begin; 0: the cable is out.
+fn record(house: &House, n: i64, (ink, sensor, fails): (f64, f64, bool), counts: f64) {
     let mut make = ChaCha8Rng::seed_from_u64(7);
     let own: Vec<Offsets> =
         (0..CHANNELS).map(|_| offsets(&mut make, [0.015, 0.012, 0.007, 0.012])).collect();
@@ -49,7 +55,7 @@ fn night(house: &House, n: i64, ink: f64, sensor: f64, fails: bool) {
                 let t = k as f64 * PERIOD_S;
                 let noise: f64 = StandardNormal.sample(&mut rng);
                 let ring = (-damping * t).exp() * (turns * t + 0.4 + of(3, 0.0)).cos();
-                (5200.0 * of(0, -0.003).exp() * ring + 9.0 * noise).round() as f32
+                (counts * of(0, -0.003).exp() * ring + 9.0 * noise).round() as f32
             });
             y.collect::<Vec<f32>>()
         };
@@ -123,5 +129,25 @@ fn a_design_of_many_temperatures_sees_a_fault_of_the_first_night() {
         let faulty: Vec<u32> =
             house.episodes(&format!("out/n{n}")).iter().map(|of| of.channel).collect();
         assert_eq!(faulty, [FAULTY as u32], "night {n}");
+    }
+}
+
+/// A fit finds some ring in noise alone, which must not be taken for where the channel lies.
+#[test]
+fn two_nights_without_a_cable_move_no_channel() {
+    let house = House::new();
+    house.write("healthy.csv", "printhead,channel,from,to,state,severity\n*,*,,,healthy,\n");
+    (-3..0).for_each(|n| night(&house, n, 0.8 * n as f64, 0.8 * n as f64, false));
+    house.ok("train n-3.mcap n-2.mcap n-1.mcap --labels healthy.csv -o design.json");
+    for n in 0..8 {
+        let is_out = (3..5).contains(&n);
+        record(&house, n, (0.3, 0.3, false), if is_out { 0.0 } else { 5200.0 });
+        let command = "--design design.json --baseline b.json --out out";
+        house.run(&format!("replay n{n}.mcap {command}"));
+        if !is_out {
+            let episodes = house.episodes(&format!("out/n{n}"));
+            let faulty: Vec<u32> = episodes.iter().map(|of| of.channel).collect();
+            assert_eq!(faulty, vec![FAULTY as u32; usize::from(n > 4)], "night {n}");
+        }
     }
 }

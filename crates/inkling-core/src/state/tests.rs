@@ -322,6 +322,21 @@ fn slow_walks_are_followed_and_channels_keep_their_places() {
     assert!(worst < 1.5, "{worst}");
 }
 
+/// Fresh ink, or a cleaning, brings a head at once to where such heads are, from however far it had drifted; nothing takes
+/// it as far again at once.
+#[test]
+fn a_head_that_drifted_far_may_come_back_at_once() {
+    let far = Vector4::new(0.0, 1.0, 0.0, 0.0);
+    for (to, is_head) in [(Vector4::zeros(), true), (2.0 * far, false)] {
+        let mut world = World::new(12, 24);
+        world.run(30);
+        (0..3000).for_each(|i| drop(world.sweep(far * f64::from(i) / 3000.0, none)));
+        let found = world.sweep(to, none);
+        assert_eq!(matches!(found, SweepOutcome::Level { .. }), is_head, "{to}: {found:?}");
+        assert!(world.faulty().is_empty());
+    }
+}
+
 #[test]
 fn a_state_is_the_same_once_it_was_written_and_read() {
     let mut world = World::new(11, 12);
