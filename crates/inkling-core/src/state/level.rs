@@ -275,12 +275,14 @@ const CONVERGED: f64 = 1e-2;
 /// The positions of up to so many looks are tried as beginnings.
 const BEGINNINGS: usize = 6;
 
-/// Begins where the level is expected. Unless most looks agree with what is found, it begins at
-/// some looks and at the median of all, too, and the likeliest result counts.
+/// Begins where the level is expected. Unless most looks agree with what is found, each as its own channel, it begins at
+/// some looks and at the median of all, too, and the likeliest result counts: where all channels moved alike in a pause,
+/// the first beginning may end at other channels in all their places.
 pub fn explain(expected: &Expected, members: &[Member]) -> Explained {
     let first = converged(expected, members, expected.level);
+    let are_own = first.responsibilities.iter().all(|r| r.replaced <= 0.5);
     // "most": half-way between all looks and the share below which a level is not believed
-    if first.alike >= 0.5 + 0.5 * process::MAJORITY {
+    if are_own && first.alike >= 0.5 + 0.5 * process::MAJORITY {
         return first;
     }
 

@@ -322,6 +322,30 @@ fn slow_walks_are_followed_and_channels_keep_their_places() {
     assert!(worst < 1.5, "{worst}");
 }
 
+/// Each channel has moved by less than channels differ, so each by itself might be another one; that all have moved by
+/// the same tells that they are not. One look hardly has noise here, as on real heads.
+#[test]
+fn channels_that_all_moved_a_little_in_a_pause_are_the_same_ones() {
+    let noise = NOISE.map(|sd| sd / 30.0);
+    let leap = diagonal([0.2, 0.15, 0.005, 0.05]);
+    for seed in 0..20 {
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        let own: Vec<Features> = (0..30).map(|_| normal(&mut rng, SPREAD)).collect();
+        let mut head = Head::new(Kind::new(&diagonal(noise), &diagonal(SPREAD), &leap).unwrap());
+        let mut sweep = |t_ns: i64, level: Features| {
+            let seen = looks(own.iter().map(|own| own + level + normal(&mut rng, noise)));
+            (head.sweep(t_ns, &seen, 0), head.swapped_ns)
+        };
+        for sweeps in 0..40 {
+            sweep(sweeps / 8 * DAY + sweeps * SECOND, Vector4::zeros());
+        }
+        let to = Vector4::new(0.006, 0.03, -0.002, 0.0) * (0.4 + 0.1 * seed as f64);
+        let (found, swapped_ns) = sweep(5 * DAY, to);
+        assert!(matches!(found, SweepOutcome::Level { .. }), "{found:?}");
+        assert_eq!(swapped_ns, None, "seed {seed}");
+    }
+}
+
 /// Fresh ink, or a cleaning, brings a head at once to where such heads are, from however far it had drifted; nothing takes
 /// it as far again at once.
 #[test]
