@@ -336,7 +336,7 @@ pub(super) fn is_ring(fit: &Fit, noise: f64) -> bool {
 
 /// The features of a fit whose phase was held. `None`: the ring is upside down (a phase of half a
 /// turn), which these three would not show.
-fn three(fit: &Fit) -> Option<Vector3<f64>> {
+pub(super) fn three(fit: &Fit) -> Option<Vector3<f64>> {
     let x = fit.features;
     let is_upright = x.phase_rad.cos() > 0.0;
     is_upright.then(|| Vector3::new(x.ln_amplitude, x.ln_damping, x.ln_frequency))

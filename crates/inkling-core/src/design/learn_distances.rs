@@ -5,7 +5,7 @@
 //! some may be faulty. Out: the model's `sensitivity`; `threshold`, a squared distance (no unit); `misfit`
 //! (counts^2; its threshold a squared distance). How labelled signals and windows differ, `learn` says.
 
-use super::detector::{DEPENDENT_SENSITIVITIES, Detection, SensitivityDetector};
+use super::detector::{DEPENDENT_SENSITIVITIES, Detection, SensitivityDetector, three};
 use super::learn::{Sources, learn_threshold};
 use super::leftover::Misfits;
 use super::{DetectSettings, HealthyModel, Result, tuned};
@@ -17,7 +17,7 @@ use crate::detect::threshold::Method;
 use crate::identify::SignalSet;
 use crate::identify::averaging;
 use crate::model::median::median;
-use crate::model::ring_fit::Features;
+use crate::model::ring_fit::{Features, FitBuffers};
 use crate::numbers::LITTLE;
 use nalgebra::Vector3;
 use std::borrow::Cow;
@@ -172,17 +172,29 @@ impl HealthyModel {
         Ok(new.coloured(&seen, &white))
     }
 
-    /// The signals with plausible features by the projection of `by`; an error if they are too few.
+    /// The signals with plausible features, by rings fitted from what the projection of `by` says; an error if they are too
+    /// few. The projection alone would take a channel that is off in frequency for damped, too, by the square of that.
     fn usable<'a>(&self, seen: &'a SignalSet, by: &Sensitivity) -> Result<Usable<'a>> {
+        let (mut first, mut signals) = (Vec::with_capacity(seen.len()), Vec::new());
+        self.each_deviation(seen, |_, deviation, drive| {
+            first.push(by.features(deviation, drive));
+            signals.extend(self.expected.iter().zip(deviation).map(|(e, d)| e + d / drive));
+        });
+        let start = |x: &Vector3<f64>| Some(Features::from(x.push(0.0)));
+        let starts: Vec<Option<Features>> = first.iter().map(start).collect();
+        let n = seen.samples;
+        let copy = |i: usize, y: &mut [f64]| y.copy_from_slice(&signals[i * n..(i + 1) * n]);
+        let fits = self.fitter()?.fit_all(false, &mut FitBuffers::default(), &starts, copy);
+
         let (mut features, mut kept) = (Vec::with_capacity(seen.len()), Vec::new());
-        self.each_deviation(seen, |i, deviation, drive| {
-            let x = by.features(deviation, drive);
+        for (i, (first, fit)) in first.iter().zip(fits).enumerate() {
+            let x = fit.as_ref().and_then(three).unwrap_or(*first);
             // a recorded drive near 0 makes features that would ruin the covariance
             if x.iter().all(|v| v.abs() < 1e6) {
-                features.push((x, drive));
+                features.push((x, seen.drive[i]));
                 kept.push(i);
             }
-        });
+        }
         averaging::enough(features.len())?;
         let all = kept.len() == seen.len();
         let signals = if all { Cow::Borrowed(seen) } else { Cow::Owned(seen.select(&kept)) };
