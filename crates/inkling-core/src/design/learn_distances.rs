@@ -105,13 +105,15 @@ impl HealthyModel {
             Ok((test.volume(threshold.value), (found, test)))
         };
         let [first, others @ ..] = SHARES;
-        // a volume that is NaN is never the smaller one
+        // Shares beyond the first that is no gain are not tried: by the tail of few channels one of them may be by chance.
         let mut smallest = test(first)?;
         for share in others {
             let next = test(share)?;
-            if next.0 < smallest.0 {
-                smallest = next;
+            // nor is a volume that is NaN
+            if next.0.is_nan() || next.0 >= smallest.0 {
+                break;
             }
+            smallest = next;
         }
         Ok(smallest.1)
     }
