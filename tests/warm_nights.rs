@@ -117,7 +117,9 @@ fn a_design_of_many_temperatures_sees_a_fault_of_the_first_night() {
             let warmer = times * (n + 4) as f64;
             night(&house, n, warmer, warmer, false);
         }
-        house.ok(&format!("train n-6.mcap n-5.mcap n-4.mcap n-3.mcap n-2.mcap --labels healthy.csv -o {name}.json"));
+        house.ok(&format!(
+            "train n-6.mcap n-5.mcap n-4.mcap n-3.mcap n-2.mcap --labels healthy.csv -o {name}.json"
+        ));
     }
     let (wide, narrow) = (spread(&house, "wide.json"), spread(&house, "narrow.json"));
     for k in 0..3 {

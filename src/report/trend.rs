@@ -308,7 +308,8 @@ fn line(points: &[(f64, f64)], of: Points) -> Option<Trend> {
             true => Scatter { correlation: 0.0, ..about_line },
             false => Scatter::about(points, 4),
         };
-        interval[usize::from(slope < 0.0)] = slope - wander.half_interval(points, sxx).copysign(slope);
+        interval[usize::from(slope < 0.0)] =
+            slope - wander.half_interval(points, sxx).copysign(slope);
     }
     Some(Trend { per_day: slope, interval, span_days })
 }
@@ -329,7 +330,8 @@ impl Scatter {
         let (n, p) = (points.len() as f64, coefficients as f64);
         let (first, last) = (points[0].0, points[points.len() - 1].0);
         let x = |i: usize| 2.0 * (points[i].0 - first) / (last - first) - 1.0;
-        let powers = DMatrix::from_fn(points.len(), coefficients, |i, j| x(i).powi(j as i32)).qr().q();
+        let powers =
+            DMatrix::from_fn(points.len(), coefficients, |i, j| x(i).powi(j as i32)).qr().q();
         let y = DVector::from_iterator(points.len(), points.iter().map(|point| point.1));
         let residuals = &y - &powers * powers.tr_mul(&y);
 

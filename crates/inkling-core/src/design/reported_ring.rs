@@ -5,8 +5,8 @@
 //! and damping, 1/s, of a ring fitted to it (flagged signals, and where the closed form fails), or
 //! in closed form from its deviation (other signals, where `output.ring` asks for them).
 
-use super::judge::Judge;
 use super::detector::is_ring;
+use super::judge::Judge;
 use super::workspace::Workspace;
 use crate::model::ring_fit::RingFitter;
 
