@@ -11,6 +11,7 @@
 //! spread is estimated robustly, and the thresholds come from a mixture model or from the anchor.
 
 use super::fd_filter::{LearnSettings, residual_generator};
+use super::temperature::AtOneTemperature;
 use super::{DetectSettings, HealthyModel, Result};
 use crate::detect::threshold::{self, Threshold};
 use crate::detect::{DetectMethod, ThresholdMethod};
@@ -60,8 +61,8 @@ impl HealthyModel {
         if first.temperature_response.is_none() || settings.least_agreeing.is_some() {
             return Ok(first);
         }
-        let (per_k, at_one) = first.at_one_temperature(set)?;
-        HealthyModel::learn_once(&at_one, printhead, Some(&first.with_per_k(per_k)?), settings)
+        let AtOneTemperature { per_k, signals } = first.at_one_temperature(set)?;
+        HealthyModel::learn_once(&signals, printhead, Some(&first.with_per_k(per_k)?), settings)
     }
 
     fn learn_once(

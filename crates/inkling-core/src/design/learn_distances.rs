@@ -105,11 +105,11 @@ impl HealthyModel {
             Ok((test.volume(threshold.value), (found, test)))
         };
         let [first, others @ ..] = SHARES;
-        // Shares beyond the first that is no gain are not tried: by the tail of few channels one of them may be by chance.
+        // Behind the first share that is no gain none is tried: of few channels one of them may seem to be a gain by chance.
         let mut smallest = test(first)?;
         for share in others {
             let next = test(share)?;
-            // nor is a volume that is NaN
+            // a volume that is NaN is no gain
             if next.0.is_nan() || next.0 >= smallest.0 {
                 break;
             }
@@ -177,15 +177,12 @@ impl HealthyModel {
     /// The signals with plausible features, by rings fitted from what the projection of `by` says; an error if they are too
     /// few. The projection alone would take a channel that is off in frequency for damped, too, by the square of that.
     fn usable<'a>(&self, seen: &'a SignalSet, by: &Sensitivity) -> Result<Usable<'a>> {
-        let (mut first, mut signals) = (Vec::with_capacity(seen.len()), Vec::new());
-        self.each_deviation(seen, |_, deviation, drive| {
-            first.push(by.features(deviation, drive));
-            signals.extend(self.expected.iter().zip(deviation).map(|(e, d)| e + d / drive));
-        });
+        let mut first = Vec::with_capacity(seen.len());
+        self.each_deviation(seen, |_, deviation, drive| first.push(by.features(deviation, drive)));
         let start = |x: &Vector3<f64>| Some(Features::from(x.push(0.0)));
         let starts: Vec<Option<Features>> = first.iter().map(start).collect();
-        let n = seen.samples;
-        let copy = |i: usize, y: &mut [f64]| y.copy_from_slice(&signals[i * n..(i + 1) * n]);
+        let response = self.temperature_response.as_deref().unwrap_or_default();
+        let copy = |i: usize, y: &mut [f64]| self.less_warmth((seen, i), response, y);
         let fits = self.fitter()?.fit_all(false, &mut FitBuffers::default(), &starts, copy);
 
         let (mut features, mut kept) = (Vec::with_capacity(seen.len()), Vec::new());

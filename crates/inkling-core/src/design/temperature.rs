@@ -15,12 +15,28 @@ use crate::model::ring_fit::{Features, Fit, FitBuffers, RingFitter};
 use nalgebra::Vector4;
 use std::collections::BTreeMap;
 
+pub(super) struct AtOneTemperature {
+    /// What a kelvin does to the features of a ring.
+    pub per_k: Vector4<f64>,
+    /// At the model's temperature, counts.
+    pub signals: SignalSet,
+}
+
 impl HealthyModel {
     /// What a kelvin changes of a signal beside its ring, N, counts; empty: nothing is known.
     pub(super) fn beside_per_k(&self, fitter: &RingFitter) -> Vec<f64> {
         let of_ring = fitter.tangent(&Features::HEALTHY) * self.features_per_k(fitter);
         let response = self.temperature_response.iter().flatten();
         response.zip(&of_ring).map(|(all, of_ring)| all - of_ring).collect()
+    }
+
+    /// Writes signal `i` of a set per unit drive, N, counts, less `slope`, N, counts, for each K by which it is warmer than
+    /// the model; an empty one takes nothing off.
+    pub(super) fn less_warmth(&self, (set, i): (&SignalSet, usize), slope: &[f64], y: &mut [f64]) {
+        let at = set.signal(i).iter().map(|v| (f64::from(*v) - self.offset) / set.drive[i]);
+        y.iter_mut().zip(at).for_each(|(y, v)| *y = v);
+        let warmer = self.warmer(set.temperature_c[i]);
+        y.iter_mut().zip(slope).for_each(|(y, slope)| *y -= warmer * slope);
     }
 
     /// Calls `see` with the index of each of the `chosen` signals of a set, the signal per unit drive, N, counts, and the
@@ -33,54 +49,46 @@ impl HealthyModel {
         mut see: impl FnMut(usize, &[f64], Option<Fit>),
     ) {
         let (per_k, beside) = (self.features_per_k(fitter), self.beside_per_k(fitter));
-        let own = |i: usize, y: &mut [f64]| {
-            let at = set.signal(i).iter().map(|v| (f64::from(*v) - self.offset) / set.drive[i]);
-            y.iter_mut().zip(at).for_each(|(y, v)| *y = v);
-            let warmer = self.warmer(set.temperature_c[i]);
-            y.iter_mut().zip(&beside).for_each(|(y, slope)| *y -= warmer * slope);
-        };
         let start = |i: &usize| {
             let warmer = self.warmer(set.temperature_c[*i]);
             near.map(|near| Features::from(near.coordinates() + warmer * per_k))
         };
         let starts: Vec<Option<Features>> = chosen.iter().map(start).collect();
-        let copy = |k: usize, y: &mut [f64]| own(chosen[k], y);
+        let copy = |k: usize, y: &mut [f64]| self.less_warmth((set, chosen[k]), &beside, y);
         let fits = fitter.fit_all(true, &mut FitBuffers::default(), &starts, copy);
         let mut y = vec![0.0; set.samples];
         for (&i, fit) in chosen.iter().zip(fits) {
-            own(i, &mut y);
+            self.less_warmth((set, i), &beside, &mut y);
             see(i, &y, fit);
         }
     }
 
-    /// What a kelvin does to the features of a ring, and the signals of a set at the model's temperature. A signal that no
-    /// ring fits moves as the healthy ring does.
-    pub(super) fn at_one_temperature(&self, set: &SignalSet) -> Result<(Vector4<f64>, SignalSet)> {
-        let fitter = self.fitter()?;
-        let all: Vec<usize> = (0..set.len()).collect();
-        let (mut fits, mut signals) = (vec![None; set.len()], vec![0.0; set.data.len()]);
+    /// A signal that no ring fits moves as the healthy ring does.
+    pub(super) fn at_one_temperature(&self, set: &SignalSet) -> Result<AtOneTemperature> {
+        let (fitter, all) = (self.fitter()?, (0..set.len()).collect::<Vec<_>>());
+        let mut rings: Vec<Option<Vector4<f64>>> = vec![None; set.len()];
         let start = (&fitter, Some(Features::HEALTHY));
-        self.each_own_ring(start, (set, &all), |i, y, fit| {
-            fits[i] = fit.map(|fit| fit.features.coordinates());
-            signals[i * set.samples..(i + 1) * set.samples].copy_from_slice(y);
+        self.each_own_ring(start, (set, &all), |i, _, fit| {
+            rings[i] = fit.map(|fit| fit.features.coordinates());
         });
         let warmer = |i: usize| self.warmer(set.temperature_c[i]);
-        let known = (0..set.len()).filter_map(|i| Some((set.channel[i], warmer(i), fits[i]?)));
+        let known = (0..set.len()).filter_map(|i| Some((set.channel[i], warmer(i), rings[i]?)));
         let per_k = within_channels(known).unwrap_or_else(|| self.features_per_k(&fitter));
 
-        let mut at_one = SignalSet { temperature_c: vec![f64::NAN; set.len()], ..set.clone() };
+        let temperature_c = vec![self.temperature_c.unwrap_or(f64::NAN); set.len()];
+        let mut signals = SignalSet { temperature_c, ..set.clone() };
+        let (beside, mut own) = (self.beside_per_k(&fitter), vec![0.0; set.samples]);
         let ring = |at: Vector4<f64>| fitter.tangent(&Features::from(at)).column(0).into_owned();
-        for (i, y) in at_one.data.chunks_exact_mut(set.samples).enumerate() {
+        for (i, y) in signals.data.chunks_exact_mut(set.samples).enumerate() {
+            self.less_warmth((set, i), &beside, &mut own);
             let by = warmer(i) * per_k;
-            let here = fits[i].unwrap_or(by);
+            let here = rings[i].unwrap_or(by);
             let (from, to) = (ring(here), ring(here - by));
-            let was = &signals[i * set.samples..];
             for (k, y) in y.iter_mut().enumerate() {
-                *y = (self.offset + set.drive[i] * (was[k] + to[k] - from[k])) as f32;
+                *y = (self.offset + set.drive[i] * (own[k] + to[k] - from[k])) as f32;
             }
-            at_one.temperature_c[i] = self.temperature_c.unwrap_or(f64::NAN);
         }
-        Ok((per_k, at_one))
+        Ok(AtOneTemperature { per_k, signals })
     }
 
     /// The same model, but a kelvin does this to the features of its ring.
