@@ -87,9 +87,9 @@ impl HealthyModel {
         self.learn_thresholds(&found, spread, (&seen.channel, labelled), detect)
     }
 
-    /// Of the tests by [`SHARES`] of the spread of labelled signals the one whose ellipsoid of
-    /// healthy features has the smallest volume: the less far the channels' differences reach in the
-    /// tail, the smaller is the share. `own`: by the spread of `seen`.
+    /// The test by that of the [`SHARES`] of the spread of labelled signals, from the largest on, behind which the
+    /// ellipsoid of healthy features no longer becomes smaller: the less far the channels' differences reach in the tail,
+    /// the smaller is the share. `own`: by the spread of `seen`.
     fn smallest(
         &self,
         seen: &SignalSet,

@@ -5,7 +5,7 @@
 //! model's temperature.
 //!
 //! A straight line, added to every signal, would do for a few kelvin alone: 10 K move a resonance by a hundredth, and
-//! after seven periods the signal by a sixteenth of one. What the line misses would count as the scatter of healthy
+//! after seven periods the signal by a fourteenth of one. What the line misses would count as the scatter of healthy
 //! channels, in which faults hide. So the ring of each signal is fitted where it is, and replaced by the ring that it
 //! would be: ln damping and ln frequency move by so much a kelvin, as [`super::moved_model`] moves judges.
 
