@@ -134,7 +134,7 @@ fn a_design_of_many_temperatures_sees_a_fault_of_the_first_night() {
     }
 }
 
-/// A fit finds some ring in noise alone, which must not be taken for where the channel lies.
+/// Nothing of what two nights of noise show stays with the channels.
 #[test]
 fn two_nights_without_a_cable_move_no_channel() {
     let house = House::new();

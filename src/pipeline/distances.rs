@@ -272,6 +272,9 @@ mod tests {
     use inkling_core::model::ring_fit::Features;
     use inkling_io::design_file;
     use nalgebra::{DVector, Matrix3};
+    use rand::SeedableRng;
+    use rand_chacha::ChaCha8Rng;
+    use rand_distr::{Distribution, StandardNormal};
     use std::path::Path;
     use std::sync::Arc;
 
@@ -358,6 +361,22 @@ mod tests {
             let found = judge.features(deviation.as_slice(), 1.0, true, &mut Workspace::default());
             let found = found.expect("a ring") + judge.healthy_mean().unwrap();
             assert!((found[0] - f64::ln(gain)).abs() < 0.02, "{gain}: {found}");
+        }
+    }
+
+    /// Where a cable is out, a fit finds a ring in what noise is left; that says nothing of where the channel lies.
+    #[test]
+    fn noise_alone_is_no_ring() {
+        let judge = judge(&design(), None);
+        let mut rng = ChaCha8Rng::seed_from_u64(3);
+        for _ in 0..200 {
+            let of = |expected: &f64| {
+                let z: f64 = StandardNormal.sample(&mut rng);
+                judge.model.noise * z - expected
+            };
+            let deviation: Vec<f64> = judge.model.expected.iter().map(of).collect();
+            let found = judge.features(&deviation, 1.0, true, &mut Workspace::default());
+            assert_eq!(found, None);
         }
     }
 
