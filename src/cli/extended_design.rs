@@ -56,7 +56,7 @@ pub fn train(
         let signal: Vec<f32> = signal.iter().map(|y| *y as f32).collect();
         let of_head = set.healthy.entry(data.printheads[row.printhead].clone());
         let of_head = of_head.or_insert_with(|| SignalSet::new(data.samples));
-        of_head.push(&signal, row.beside.channel, drive, row.beside.temperature_c);
+        of_head.push(&signal, drive, &row.beside);
     }
     set.signals.insert(inkling_core::fault::HEALTHY.into(), kept.len() as u64);
     let Settings { identify, detect, isolate, .. } = settings;

@@ -128,7 +128,8 @@ pub fn learn(lesson: TrainingInput) -> Result<TrainedDesign, Failure> {
     // 1. labels are checked twice: their states before the recordings are read, their printheads
     // and times after that, against what the recordings hold
     let labels = labels(written, new_class, settings)?;
-    let Collected { set, met, incomplete, .. } = collected(recordings, settings, Some(&labels))?;
+    let collected = collected(recordings, settings, Some(&labels))?;
+    let Collected { mut set, met, incomplete, .. } = collected;
     labels_file::check(written.name(), &labels, &met)?;
     let unused = met.unused(&labels);
     let path = written.name().display();
@@ -144,9 +145,11 @@ pub fn learn(lesson: TrainingInput) -> Result<TrainedDesign, Failure> {
     // 2. train; signals that are no ring-downs are refused before
     set.healthy.iter().try_for_each(|(name, signals)| refuse_no_rings(name, signals))?;
     let grey_box = &settings.identify.grey_box;
-    let (mut design, mut warnings) =
+    let mut warnings = set.check_temperatures(grey_box);
+    let (mut design, of_design) =
         Design::train(&set, grey_box, &settings.detect, &settings.isolate)
             .map_err(|e| not_trained(&e, written.name()))?;
+    warnings.extend(of_design);
     design.chosen = settings.kept_by_design();
 
     // 3. review each labelled class; a class that would hardly be named is refused, as its faults

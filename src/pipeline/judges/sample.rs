@@ -136,7 +136,7 @@ impl Sample {
         let mut set = SignalSet::new(self.samples);
         for Kept { beside, samples } in &self.kept {
             let drive = relative_drive(beside.drive_v, reference_v);
-            set.push(samples, beside.channel, drive, beside.temperature_c);
+            set.push(samples, drive, beside);
         }
         set
     }

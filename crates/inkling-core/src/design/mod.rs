@@ -37,6 +37,7 @@ mod reported_ring;
 mod residual;
 mod rings;
 mod temperature;
+mod thermometer;
 mod train;
 mod training_set;
 pub mod tuned;

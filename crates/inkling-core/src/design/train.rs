@@ -14,6 +14,7 @@ use super::{
     Design, DetectSettings, FaultClass, HealthyModel, IsolateSettings, LearnSettings,
     LearnedFilter, Result, VERSION, cold_start, typical,
 };
+use crate::burst::Beside;
 use crate::detect::Denominator;
 use crate::fault;
 use crate::identify::GreyBoxSettings;
@@ -332,7 +333,7 @@ fn pool(
         };
         for i in 0..set.len() {
             let channel = (p as u32).wrapping_mul(1 << 20).wrapping_add(set.channel[i]);
-            all.push(set.signal(i), channel, set.drive[i], set.temperature_c[i]);
+            all.push(set.signal(i), set.drive[i], &Beside { channel, ..set.beside(i) });
         }
     }
     all

@@ -17,6 +17,10 @@ pub const OVER: f64 = 16.0;
 /// How far from the model's temperature, K, its linear effect is asked: heads hold their ink within a few K, and at 25
 /// K an exponential law with 2 % a K lies 11 % off its tangent.
 pub const REACH_K: f64 = 25.0;
+/// From where on a recorded temperature is not that of the ink: so many K, and so many standard deviations, from the one
+/// at which the burst's rings lie. A kelvin does about half of what channels differ by.
+pub const WRONG_K: f64 = 1.0;
+pub const WRONG_SD: f64 = 6.0;
 /// Standard deviations of a sudden change that all channels have in common: of ln amplitude; of
 /// ln damping and of ln frequency, in units of ln (1 + their bound in `[identify]`); and of the
 /// phase, rad. A change beyond five of these is no ink.

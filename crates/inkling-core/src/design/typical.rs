@@ -10,6 +10,7 @@
 
 use super::leftover::Misfits;
 use super::{Design, HealthyModel, Result, TrainingSet};
+use crate::burst::Beside;
 use crate::identify::SignalSet;
 use crate::isolate::typical::{Typical, directions, misfit_bound};
 use crate::model::inner_product::dot;
@@ -129,7 +130,7 @@ fn by_physics(design: &Design, class: &str) -> Result<Misfits> {
         let severity = law.severity_at(place);
         let Some(d) = physics.deviation(class, severity, sampling) else { continue };
         let y: Vec<f32> = model.expected.iter().zip(&d).map(|(e, d)| (e + d) as f32).collect();
-        set.push(&y, i as u32, 1.0, f64::NAN);
+        set.push(&y, 1.0, &Beside::alone(i as u32, 0));
     }
     left_by(model, &set)
 }

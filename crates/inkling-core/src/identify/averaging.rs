@@ -163,6 +163,7 @@ fn white_noise(set: &SignalSet) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::burst::Beside;
 
     fn ringing(n: usize, faulty: usize) -> SignalSet {
         let mut set = SignalSet::new(32);
@@ -174,7 +175,7 @@ mod tests {
                     400.0 * (0.3 * wrong * k as f32).cos() + noise
                 })
                 .collect();
-            set.push(&signal, i as u32, 1.0, f64::NAN);
+            set.push(&signal, 1.0, &Beside::alone(i as u32, 0));
         }
         set
     }
@@ -199,7 +200,7 @@ mod tests {
                     let (drive, channel) = (drives[i / 100 % 2], i * 37 % 100);
                     let [faster, amplitude] = rings[channel];
                     let signal = noisy_ring(drive * amplitude, faster * omega, &mut normal);
-                    set.push(&signal, channel as u32, drive, f64::NAN);
+                    set.push(&signal, drive, &Beside::alone(channel as u32, 0));
                 }
                 let found = white_noise(&set);
                 assert!((found / 2.5 - 1.0).abs() < 0.05, "{found} at {drives:?}, {omega}");
@@ -214,7 +215,8 @@ mod tests {
         let mut set = SignalSet::new(64);
         for i in 0..200_u32 {
             let omega = if i == 199 { 1.3 } else { 0.4 };
-            set.push(&noisy_ring(300.0, omega, &mut normal), i.min(198), 1.0, f64::NAN);
+            let beside = Beside::alone(i.min(198), 0);
+            set.push(&noisy_ring(300.0, omega, &mut normal), 1.0, &beside);
         }
         let found = white_noise(&set);
         assert!((found / 2.5 - 1.0).abs() < 0.05, "{found}");
@@ -225,7 +227,7 @@ mod tests {
         let mut set = SignalSet::new(4);
         assert_eq!(set.mean_temperature_c(), None);
         for temperature_c in [f64::NAN, 20.0, 23.0, f64::NAN] {
-            set.push(&[0.0; 4], 0, 1.0, temperature_c);
+            set.push(&[0.0; 4], 1.0, &Beside { temperature_c, ..Beside::alone(0, 0) });
         }
         assert_eq!(set.mean_temperature_c(), Some(21.5));
     }
@@ -252,7 +254,7 @@ mod tests {
         for i in 0..32 {
             let s = if i % 2 == 0 { 1.0 } else { 0.8 };
             let signal: Vec<f32> = (0..8).map(|k| (s * 100.0 * (k as f64 + 1.0)) as f32).collect();
-            set.push(&signal, i, s, f64::NAN);
+            set.push(&signal, s, &Beside::alone(i, 0));
         }
         let mean = average(&set).unwrap();
         assert!((mean.y[3] - 400.0).abs() < 1e-3);

@@ -78,7 +78,7 @@ impl Reservoir {
         let mut set = SignalSet::new(self.samples);
         for HeldSignal { samples, beside, severity } in self.held.values() {
             let drive = relative_drive(beside.drive_v, reference_v);
-            set.push(samples, beside.channel, drive, beside.temperature_c);
+            set.push(samples, drive, beside);
             set.set_severity(*severity);
         }
         set

@@ -163,6 +163,7 @@ pub fn scatter(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::burst::Beside;
     use crate::identify::rate_search::tests::{DT_S, decay_of};
     use crate::identify::{GreyBoxSettings, averaging, grey_box};
     use crate::model::InkChannel;
@@ -186,7 +187,7 @@ mod tests {
                 d_per_s: 8.0e4 * r,
             };
             let y: Vec<f32> = decay_of(&channel).iter().map(|&v| v as f32).collect();
-            set.push(&y, i as u32, 1.0, f64::NAN);
+            set.push(&y, 1.0, &Beside::alone(i as u32, 0));
         }
         set
     }

@@ -3,12 +3,16 @@
 //! In: the signals of a window, or those that one label names, of one printhead: n signals of N
 //! samples, counts. Out: the same row by row, with channel, drive, temperature and severity.
 
+use crate::burst::Beside;
+
 #[derive(Clone, Debug, Default)]
 pub struct SignalSet {
     pub samples: usize,
     /// The rows, concatenated, counts. Samples of int16 and of float are both exact in f32.
     pub data: Vec<f32>,
     pub channel: Vec<u32>,
+    /// Acquisition time of each signal's burst, ns since the epoch.
+    pub t_acq_ns: Vec<i64>,
     /// Over the reference voltage; 1 where it was not recorded.
     pub drive: Vec<f64>,
     /// Temperature of each signal, °C; NaN where it was not recorded.
@@ -34,13 +38,14 @@ impl SignalSet {
         &self.data[i * self.samples..(i + 1) * self.samples]
     }
 
-    /// Adds a signal, N counts, without a severity.
-    pub fn push(&mut self, signal: &[f32], channel: u32, drive: f64, temperature_c: f64) {
+    /// Adds a signal, N counts, without a severity. `drive`: relative to the reference.
+    pub fn push(&mut self, signal: &[f32], drive: f64, beside: &Beside) {
         debug_assert_eq!(signal.len(), self.samples);
         self.data.extend_from_slice(signal);
-        self.channel.push(channel);
+        self.channel.push(beside.channel);
+        self.t_acq_ns.push(beside.t_acq_ns);
         self.drive.push(drive);
-        self.temperature_c.push(temperature_c);
+        self.temperature_c.push(beside.temperature_c);
         self.severity.push(f64::NAN);
     }
 
@@ -51,10 +56,16 @@ impl SignalSet {
         }
     }
 
+    /// What was recorded beside a signal, as far as it is held.
+    pub fn beside(&self, i: usize) -> Beside {
+        let alone = Beside::alone(self.channel[i], self.t_acq_ns[i]);
+        Beside { temperature_c: self.temperature_c[i], ..alone }
+    }
+
     pub fn select(&self, keep: &[usize]) -> SignalSet {
         let mut chosen = SignalSet::new(self.samples);
         for &i in keep {
-            chosen.push(self.signal(i), self.channel[i], self.drive[i], self.temperature_c[i]);
+            chosen.push(self.signal(i), self.drive[i], &self.beside(i));
             chosen.set_severity(self.severity[i]);
         }
         chosen

@@ -23,7 +23,7 @@ pub fn tangent(fit: &Identification, dt_s: f64, samples: usize) -> DMatrix<f64> 
 
 /// d y_hat / d temperature, N counts per K, projected on the tangent space, so that 6 numbers are
 /// estimated. `expected`: the model's signal at `reference_c`; `tangent`: by [`tangent`]. `None`:
-/// some temperature was not recorded; fewer than `few` differ; or the effect is not significant
+/// fewer than `FEW` recorded temperatures differ; or the effect is not significant
 /// (Hotelling's test, size 1e-6: few temperatures have to show a large effect).
 pub fn temperature_response(
     set: &SignalSet,
@@ -32,12 +32,8 @@ pub fn temperature_response(
     reference_c: f64,
 ) -> Option<Vec<f64>> {
     let deviation = |i: usize| set.temperature_c[i] - reference_c;
-    if set.temperature_c.iter().any(|t| !t.is_finite()) {
-        return None;
-    }
-
     // a point of the regression per temperature: only bursts, which share theirs, are independent
-    let mut order: Vec<usize> = (0..set.len()).collect();
+    let mut order: Vec<usize> = (0..set.len()).filter(|i| deviation(*i).is_finite()).collect();
     order.sort_by(|&i, &j| set.temperature_c[i].total_cmp(&set.temperature_c[j]));
     let looks: Vec<&[usize]> =
         order.chunk_by(|&i, &j| set.temperature_c[i] == set.temperature_c[j]).collect();

@@ -13,6 +13,7 @@ use super::outcome::{DataSet, ThesisError};
 use crate::plot::page::first_of;
 use crate::simulate::scenario::{Classes, Kind, Physics};
 use crate::simulate::{Scenario, SimulatedRecording, drying};
+use inkling_core::burst::Beside;
 use inkling_core::design::TrainingSet;
 use inkling_core::fault::{CLASSES, HEALTHY};
 use inkling_core::identify::SignalSet;
@@ -144,7 +145,7 @@ fn add(set: &mut TrainingSet, state: &str, signal: &[f32], channel: u32) {
         fault => set.faulty.entry(fault.into()).or_default(),
     };
     let own = sets.entry(PRINTHEAD.into()).or_insert_with(|| SignalSet::new(samples));
-    own.push(signal, channel, 1.0, f64::NAN);
+    own.push(signal, 1.0, &Beside::alone(channel, 0));
     *set.signals.entry(state.into()).or_default() += 1;
 }
 
