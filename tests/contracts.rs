@@ -257,11 +257,11 @@ fn files_of_another_version_are_refused_or_judged_again() {
         .run("replay sample_logs/print_run.mcap --design d.json --out out")
         .exits(2)
         .says("design version 3, made by an unreleased version: train again");
-    house.write("s.json", r#"{"version":2,"design":null,"printheads":{}}"#);
+    house.write("s.json", r#"{"version":3,"design":null,"printheads":{}}"#);
     house
         .replay("sample_logs/print_run.mcap --baseline s.json")
         .exits(2)
-        .says("state version 2, made by an unreleased version");
+        .says("state version 3, made by an unreleased version");
     house.replay("sample_logs/print_run.mcap").exits(0);
     let dry = "sample_logs/print_run.mcap --dry-run";
     house.replay(dry).says("would judge 0, skip 1");

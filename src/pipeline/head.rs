@@ -88,9 +88,11 @@ pub(super) struct Head {
     pub is_level: bool,
     /// Number of sweeps without a known level since one was last known.
     unknown: u32,
-    /// The basis of own levels, with the two numbers it was made at: the looks behind the within-channel
-    /// scatter, and how much wider the channels lie than the design's.
-    own: Option<([f64; 2], Arc<OwnBasis>)>,
+    /// The basis of own levels, with the three numbers it was made at: the looks behind the within-channel
+    /// scatter, how much wider the channels lie than the design's, and how many K from where they were learned.
+    own: Option<([f64; 3], Arc<OwnBasis>)>,
+    /// K above its model's reference temperature, as it was recorded last.
+    warmer: f64,
     pub movement: HeadMovement,
 }
 
@@ -141,6 +143,7 @@ impl Head {
             is_level: false,
             unknown: 0,
             own: None,
+            warmer: 0.0,
             movement: HeadMovement::new(burst.printhead.clone()),
         })
     }
@@ -220,7 +223,10 @@ impl Head {
         let model = &self.judge.unmoved.model;
         let all = sweep.bursts().into_iter().filter_map(|burst| burst.temperature_c);
         let warmer = all.filter(|t| model.believes(*t)).map(|t| model.warmer(t)).next();
-        warmer.into_iter().for_each(|warmer| self.judge.heat(warmer, &mut by.moves));
+        if let Some(warmer) = warmer {
+            self.warmer = warmer;
+            self.judge.heat(warmer, &mut by.moves);
+        }
     }
 
     fn now_at(&self) -> Features {
@@ -257,23 +263,27 @@ impl Head {
                     room = left;
                 }
                 // counted from the healthy mean about the judge's ring, which lies at `at` from the base's
-                looks.push(Look { channel, features: local + at, drive });
+                looks.push(Look { channel, features: local + at, drive, warmer: self.warmer });
             }
         }
         Looks { all_frozen: repeated > looks.len() + no_rings, rings: looks, no_rings }
     }
 
     /// The own levels relative to the head's. The basis costs time to make: it is kept until there are twice
-    /// as many looks behind the scatter within channels, or their spread has changed by about a fifth.
+    /// as many looks behind the scatter within channels, their spread has changed by about a fifth, or the
+    /// temperature by a kelvin.
     fn own(&mut self, by: &Judging) -> (Arc<OwnBasis>, Vec<OwnLevel>) {
-        let now = [self.state.looks_within(), self.state.wider()];
-        let is_current =
-            |then: &[f64; 2]| now[0] < 2.0 * then[0] && (now[1] / then[1]).ln().abs() < 0.2;
+        let apart = Some(self.warmer - self.state.warmer()).filter(|apart| apart.is_finite());
+        let now = [self.state.looks_within(), self.state.wider(), apart.unwrap_or(0.0)];
+        let is_current = |then: &[f64; 3]| {
+            let is_wider = (now[1] / then[1]).ln().abs() >= 0.2;
+            now[0] < 2.0 * then[0] && !is_wider && (now[2] - then[2]).abs() < 1.0
+        };
         let kept = self.own.take().filter(|(then, _)| is_current(then));
         let new = || {
             let curves = by.replay.design.as_ref().and_then(Design::curves);
             let rate = by.replay.settings.detect.false_alarm_rate;
-            (now, Arc::new(OwnBasis::new(&self.state, curves.as_deref(), rate)))
+            (now, Arc::new(OwnBasis::new(&self.state, now[2], curves.as_deref(), rate)))
         };
         let (_, basis) = self.own.insert(kept.unwrap_or_else(new));
         (basis.clone(), self.state.own().collect())

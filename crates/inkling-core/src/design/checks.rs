@@ -8,6 +8,7 @@
 use super::{Design, HealthyModel, Result};
 use crate::identify::grey_box::Identification;
 use crate::isolate::MAX_CLASSES;
+use nalgebra::Matrix4;
 
 /// Largest value that a stable filter's impulse response may have within a signal: a marginal pair
 /// of poles (thesis §3-2-1) rings on but does not grow.
@@ -54,6 +55,13 @@ impl HealthyModel {
         let mut counts = self.expected.iter().chain(self.temperature_response.iter().flatten());
         if !counts.all(|v| v.abs() <= 1e30) {
             return Err("`expected` or `temperature_response`: must be -1e30 to 1e30".into());
+        }
+        let of = Matrix4::from(self.channels_per_k.unwrap_or_default());
+        let is_covariance = of.amax() <= 1.0
+            && of == of.transpose()
+            && of.symmetric_eigenvalues().min() >= -1e-9 * of.amax();
+        if !is_covariance {
+            return Err("`channels_per_k`: must be a covariance of -1 to 1".into());
         }
 
         self.generator.check().map_err(|e| format!("its filter: {e}"))?;

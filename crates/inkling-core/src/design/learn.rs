@@ -61,8 +61,8 @@ impl HealthyModel {
         if first.temperature_response.is_none() || settings.least_agreeing.is_some() {
             return Ok(first);
         }
-        let AtOneTemperature { per_k, signals } = first.at_one_temperature(set)?;
-        HealthyModel::learn_once(&signals, printhead, Some(&first.with_per_k(per_k)?), settings)
+        let AtOneTemperature { warmth, signals } = first.at_one_temperature(set)?;
+        HealthyModel::learn_once(&signals, printhead, Some(&first.with(warmth)?), settings)
     }
 
     fn learn_once(
@@ -113,6 +113,7 @@ impl HealthyModel {
             temperature_response,
             damping_per_k,
             frequency_per_k,
+            channels_per_k: anchor.and_then(|anchor| anchor.channels_per_k),
             moved_k: 0.0,
             generator,
             sensitivity: None,

@@ -138,7 +138,9 @@ impl Judge {
         let units = Change::new(1.0, damping, frequency, 1.0);
         let sds = units.component_mul(&Change::from(tuned::LEAP));
         let leap = Matrix4::from_diagonal(&sds.map(|sd| sd * sd));
-        Kind::new(detector.own_noise(), &detector.healthy_spread(), &leap)
+        let mut kind = Kind::new(detector.own_noise(), &detector.healthy_spread(), &leap)?;
+        kind.per_k = kind.covariance(&self.model.channels_per_k.unwrap_or_default().into());
+        Some(kind)
     }
 
     /// The mean of healthy signals' features from the model's ring.

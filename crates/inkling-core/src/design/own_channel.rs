@@ -39,8 +39,14 @@ pub struct OwnBasis {
 }
 
 impl OwnBasis {
-    /// `curves`: the design's; `false_alarm_rate`: share of healthy signals that may be flagged.
-    pub fn new(state: &Head, curves: Option<&FaultCurves>, false_alarm_rate: f64) -> OwnBasis {
+    /// For signals at a temperature `apart` K from that at which the channels were learned. `curves`: the design's;
+    /// `false_alarm_rate`: share of healthy signals that may be flagged.
+    pub fn new(
+        state: &Head,
+        apart: f64,
+        curves: Option<&FaultCurves>,
+        false_alarm_rate: f64,
+    ) -> OwnBasis {
         // the scatter from drop to drop within a channel widens the curves of one channel
         let shot = state.shot();
         let of_looks = |curves: &FaultCurves| {
@@ -48,7 +54,7 @@ impl OwnBasis {
             LEVELS[1..].iter().filter_map(one).collect()
         };
         OwnBasis {
-            scatter: LEVELS.map(|looks| state.scatter(looks)),
+            scatter: LEVELS.map(|looks| state.scatter(looks, apart)),
             curves: curves.map_or(Vec::new(), of_looks),
             lasting: state.lasting_share(),
             gate: chi_squared_3(false_alarm_rate),

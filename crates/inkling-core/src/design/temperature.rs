@@ -12,14 +12,21 @@
 use super::{HealthyModel, Result};
 use crate::identify::SignalSet;
 use crate::model::ring_fit::{Features, Fit, FitBuffers, RingFitter};
-use nalgebra::Vector4;
+use crate::state::at_least_as_wide;
+use nalgebra::{Matrix4, Vector4};
 use std::collections::BTreeMap;
 
 pub(super) struct AtOneTemperature {
-    /// What a kelvin does to the features of a ring.
-    pub per_k: Vector4<f64>,
+    pub warmth: Warmth,
     /// At the model's temperature, counts.
     pub signals: SignalSet,
+}
+
+/// What a kelvin does to the features of rings.
+pub(super) struct Warmth {
+    per_k: Vector4<f64>,
+    /// The covariance of that over channels; `None`: not known.
+    differs: Option<Matrix4<f64>>,
 }
 
 impl HealthyModel {
@@ -73,7 +80,8 @@ impl HealthyModel {
         });
         let warmer = |i: usize| self.warmer(set.temperature_c[i]);
         let known = (0..set.len()).filter_map(|i| Some((set.channel[i], warmer(i), rings[i]?)));
-        let per_k = within_channels(known).unwrap_or_else(|| self.features_per_k(&fitter));
+        let of_model = || Warmth { per_k: self.features_per_k(&fitter), differs: None };
+        let warmth = within_channels(known).unwrap_or_else(of_model);
 
         let temperature_c = vec![self.temperature_c.unwrap_or(f64::NAN); set.len()];
         let mut signals = SignalSet { temperature_c, ..set.clone() };
@@ -81,41 +89,99 @@ impl HealthyModel {
         let ring = |at: Vector4<f64>| fitter.tangent(&Features::from(at)).column(0).into_owned();
         for (i, y) in signals.data.chunks_exact_mut(set.samples).enumerate() {
             self.less_warmth((set, i), &beside, &mut own);
-            let by = warmer(i) * per_k;
+            let by = warmer(i) * warmth.per_k;
             let here = rings[i].unwrap_or(by);
             let (from, to) = (ring(here), ring(here - by));
             for (k, y) in y.iter_mut().enumerate() {
                 *y = (self.offset + set.drive[i] * (own[k] + to[k] - from[k])) as f32;
             }
         }
-        Ok(AtOneTemperature { per_k, signals })
+        Ok(AtOneTemperature { warmth, signals })
     }
 
     /// The same model, but a kelvin does this to the features of its ring.
-    pub(super) fn with_per_k(self, per_k: Vector4<f64>) -> Result<HealthyModel> {
+    pub(super) fn with(self, warmth: Warmth) -> Result<HealthyModel> {
         let fitter = self.fitter()?;
-        let of_ring = fitter.tangent(&Features::HEALTHY) * per_k;
+        let of_ring = fitter.tangent(&Features::HEALTHY) * warmth.per_k;
         let beside = self.beside_per_k(&fitter);
         let response = beside.iter().zip(&of_ring).map(|(beside, ring)| beside + ring).collect();
-        Ok(HealthyModel { temperature_response: Some(response), ..self })
+        let channels_per_k = warmth.differs.map(Into::into);
+        Ok(HealthyModel { temperature_response: Some(response), channels_per_k, ..self })
     }
 }
 
 /// The slope of features over temperature, per K, from each channel's own differences alone: channels lie apart by more
 /// than a kelvin moves them, and not all of them are labelled healthy at all temperatures. Each element is a channel, K
 /// above the model's temperature, and four features. `None`: no channel has two temperatures.
-fn within_channels(rings: impl Iterator<Item = (u32, f64, Vector4<f64>)>) -> Option<Vector4<f64>> {
+///
+/// Channel c has the slope b_c with weight s_c = sum (K - mean K)², and rings scatter about the channels' lines with
+/// covariance V. Then sum s_c (b_c - b)(b_c - b)' is (C - 1) V + D (S - sum s_c² / S) on average, with S = sum s_c, the slope b
+/// of all C channels, and the covariance D of the slopes, which it is solved for (DerSimonian and Laird 1986).
+fn within_channels(rings: impl Iterator<Item = (u32, f64, Vector4<f64>)>) -> Option<Warmth> {
+    struct Slope {
+        weight: f64,
+        per_k: Vector4<f64>,
+    }
     let mut channels: BTreeMap<u32, Vec<(f64, Vector4<f64>)>> = BTreeMap::new();
     rings.for_each(|(channel, warmer, x)| channels.entry(channel).or_default().push((warmer, x)));
-    let (mut together, mut square) = (Vector4::zeros(), 0.0);
+    let (mut slopes, mut rest, mut freedom) = (Vec::new(), Matrix4::zeros(), 0.0);
     for of in channels.values() {
         let n = of.len() as f64;
         let mean_k = of.iter().map(|(warmer, _)| warmer).sum::<f64>() / n;
         let mean = of.iter().map(|(_, x)| x).sum::<Vector4<f64>>() / n;
-        for (warmer, x) in of {
-            together += (warmer - mean_k) * (x - mean);
-            square += (warmer - mean_k).powi(2);
+        let weight: f64 = of.iter().map(|(warmer, _)| (warmer - mean_k).powi(2)).sum();
+        if weight <= 0.0 {
+            continue;
         }
+        let products = of.iter().map(|(warmer, x)| (warmer - mean_k) * (x - mean));
+        let per_k = products.sum::<Vector4<f64>>() / weight;
+        let off = of.iter().map(|(warmer, x)| x - mean - (warmer - mean_k) * per_k);
+        rest += off.map(|off| off * off.transpose()).sum::<Matrix4<f64>>();
+        freedom += n - 2.0;
+        slopes.push(Slope { weight, per_k });
     }
-    (square > 0.0).then(|| together / square)
+
+    let all: f64 = slopes.iter().map(|of| of.weight).sum();
+    let per_k = slopes.iter().map(|of| of.weight * of.per_k).sum::<Vector4<f64>>() / all;
+    let squares: f64 = slopes.iter().map(|of| of.weight.powi(2)).sum();
+    let apart = slopes.iter().map(|of| (of.weight, of.per_k - per_k));
+    let apart: Matrix4<f64> = apart.map(|(weight, off)| off * off.transpose() * weight).sum();
+    let by_chance = rest / f64::max(freedom, 1.0) * (slopes.len() as f64 - 1.0);
+    // one channel does not tell how channels differ, and two looks at each do not tell how they scatter
+    let is_known = slopes.len() > 1 && freedom > 0.0;
+    let differs =
+        is_known.then(|| at_least_as_wide(0.0, &((apart - by_chance) / (all - squares / all))));
+    (all > 0.0).then_some(Warmth { per_k, differs })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::SeedableRng;
+    use rand_chacha::ChaCha8Rng;
+    use rand_distr::{Distribution, StandardNormal};
+
+    #[test]
+    fn slopes_and_how_channels_differ_in_them_are_found_beside_their_levels_and_scatter() {
+        let mut rng = ChaCha8Rng::seed_from_u64(4);
+        let mut normal = || -> f64 { StandardNormal.sample(&mut rng) };
+        for differs in [0.0, 0.002] {
+            let mut rings = Vec::new();
+            for channel in 0..200 {
+                let (level, slope) = (0.05 * normal(), -0.02 + differs * normal());
+                // not all are labelled at all temperatures
+                for k in (channel % 7)..12 {
+                    let warmer = 1.3 * f64::from(k) - 8.0;
+                    let x = level + slope * warmer + 0.003 * normal();
+                    rings.push((channel, warmer, Vector4::repeat(x)));
+                }
+            }
+            let found = within_channels(rings.into_iter()).unwrap();
+            assert!((found.per_k[1] + 0.02).abs() < 4.0 * (differs + 2e-4) / 200f64.sqrt());
+            let sd = found.differs.unwrap()[(1, 1)].sqrt();
+            assert!((sd - differs).abs() < 1e-4 + 0.15 * differs, "{sd} for {differs}");
+        }
+        let alone = (0..5).map(|channel| (channel, 1.0, Vector4::zeros()));
+        assert!(within_channels(alone).is_none(), "each at one temperature");
+    }
 }

@@ -237,3 +237,53 @@ impl Thermometer {
         found
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// 40 bursts of 12 channels; `said`: what is recorded for one whose ink is so many K warmer than the middle;
+    /// `beside`: what moves all rings of burst 20 beside that.
+    fn bursts(said: impl Fn(i64, f64) -> f64, beside: Vector2<f64>) -> Thermometer {
+        let mut rings = Vec::new();
+        for t_acq_ns in 0..40 {
+            let ink = 8.0 * (t_acq_ns as f64 / 5.0).sin();
+            for channel in 0..12u32 {
+                let wobble = (t_acq_ns as f64 * 7.3 + f64::from(channel) * 2.1).sin();
+                let level = Vector2::new(0.03, 0.01) * f64::from(channel).cos();
+                let of_ink = Vector2::new(-0.02, 0.0012) * ink + Vector2::new(3e-3, 4e-4) * wobble;
+                let x = level + of_ink + if t_acq_ns == 20 { beside } else { Vector2::zeros() };
+                rings.push(RingSeen { t_acq_ns, channel, warmer: said(t_acq_ns, ink), x });
+            }
+        }
+        Thermometer { rings, middle_c: 30.0 }
+    }
+
+    #[test]
+    fn a_temperature_that_no_ring_shows_is_replaced_by_the_one_that_they_show() {
+        let said = |t: i64, ink: f64| match t {
+            3 => -30.0,
+            9 => f64::NAN,
+            14 => ink + 4.0,
+            _ => ink,
+        };
+        let (right, told) = bursts(said, Vector2::zeros()).right();
+        assert_eq!(right.keys().copied().collect::<Vec<_>>(), [3, 9, 14]);
+        for (t, found) in right {
+            let ink = 8.0 * (t as f64 / 5.0).sin();
+            assert!((found - 30.0 - ink).abs() < 0.2, "burst {t}: {found}");
+        }
+        let told = told.warning("head").unwrap();
+        assert!(told.contains("of 40 bursts: of 1 none was recorded, and of 2 it was"), "{told}");
+    }
+
+    #[test]
+    fn what_is_right_stays_and_so_does_what_no_temperature_explains() {
+        let as_it_is = |_: i64, ink: f64| ink;
+        assert!(bursts(as_it_is, Vector2::zeros()).right().0.is_empty());
+        assert!(bursts(as_it_is, Vector2::new(0.1, 0.02)).right().0.is_empty());
+        // rings that temperature does not move do not say what it was
+        let at_random = |t: i64, _: f64| (t as f64 * 5.1).sin() * 6.0;
+        assert!(bursts(at_random, Vector2::zeros()).right().0.is_empty());
+    }
+}

@@ -20,17 +20,32 @@ pub struct Sum {
     /// Sum of the looks' precisions: how many looks at the reference drive they are worth.
     pub looks: f64,
     pub sum: [f64; 4],
+    /// Sum over looks of how many K warmer than the model's reference they were, each times its precision.
+    pub kelvins: f64,
 }
 
 impl Sum {
-    pub fn add(&mut self, look: &Features, looks: f64) {
-        self.looks += looks;
-        self.sum.iter_mut().zip(look.iter()).for_each(|(sum, of)| *sum += looks * of);
+    /// `share`: of the look that is put down to what the mean is of.
+    fn add(&mut self, look: &FromLevel, share: f64) {
+        let looks = share * look.looks;
+        let (sum, kelvins) = ((looks * look.at).into(), looks * look.warmer);
+        self.absorb(&Sum { looks, sum, kelvins });
+    }
+
+    fn absorb(&mut self, other: &Sum) {
+        self.looks += other.looks;
+        self.kelvins += other.kelvins;
+        self.sum.iter_mut().zip(other.sum).for_each(|(sum, of)| *sum += of);
     }
 
     /// The mean of the looks; zero if there are none.
     pub fn mean(&self) -> Features {
         Vector4::from(self.sum) / self.looks.max(f64::MIN_POSITIVE)
+    }
+
+    /// How many K warmer than the model's reference the looks were in the mean.
+    pub fn warmer(&self) -> f64 {
+        self.kelvins / self.looks.max(f64::MIN_POSITIVE)
     }
 
     /// Of a channel expected about zero with the variance `spread`; `noise`: of one look. With n
@@ -45,6 +60,7 @@ impl Sum {
         if self.looks > looks {
             let by = looks / self.looks;
             self.looks = looks;
+            self.kelvins *= by;
             self.sum.iter_mut().for_each(|v| *v *= by);
         }
     }
@@ -92,6 +108,8 @@ pub struct FromLevel {
     pub at: Features,
     /// Precision: 1 at the reference drive, less at a smaller one or where the level is uncertain.
     pub looks: f64,
+    /// K above the model's reference temperature.
+    pub warmer: f64,
 }
 
 fn of_a_day() -> f64 {
@@ -126,7 +144,7 @@ impl Channel {
         let (mut all, past) = (self.today, &self.past[USUAL]);
         if past.looks > 0.0 {
             all.at_most(of_a_day());
-            all.add(&past.mean(), past.looks);
+            all.absorb(past);
         }
         all
     }
@@ -146,18 +164,23 @@ impl Channel {
         }
 
         // the precision that the day's looks and the difference of days leave
-        let (day, looks) = (self.today.mean(), 1.0 / (1.0 / of_a_day() + 1.0 / self.today.looks));
+        self.today.at_most(1.0 / (1.0 / of_a_day() + 1.0 / self.today.looks));
         for (past, days) in self.past.iter_mut().zip(RUNG_DAYS) {
             past.at_most((days - 1.0) * of_a_day());
-            past.add(&day, looks);
+            past.absorb(&self.today);
         }
         self.today = Sum::default();
     }
 
     /// How far the mean of today (or of the fault that stays) lies from where the channel was over
     /// the days of each of [`RUNG_DAYS`], and, last, from all channels of its head; in standard
-    /// deviations of what a healthy channel moves by. `None`: one of the positions is not known.
-    pub fn moved(&self, spread: &Features, noise: &Features) -> [Option<Features>; RUNGS + 1] {
+    /// deviations of what a healthy channel moves by. `None`: one of the positions is not known. `per_k`: variances of
+    /// what a kelvin does to channels beside what it does to all.
+    pub fn moved(
+        &self,
+        spread: &Features,
+        (noise, per_k): (&Features, &Features),
+    ) -> [Option<Features>; RUNGS + 1] {
         let now = if self.stays_faulty() { self.faulty } else { self.today };
         let of_now = noise / now.looks;
 
@@ -165,7 +188,8 @@ impl Channel {
         for (moved, past) in moved.iter_mut().zip(&self.past) {
             if past.looks > 0.0 && now.looks > 0.0 {
                 let of_past = noise * (1.0 / of_a_day() + 1.0 / past.looks);
-                let variance = of_now + of_past;
+                let of_warmth = per_k * (now.warmer() - past.warmer()).powi(2);
+                let variance = of_now + of_past + of_warmth;
                 *moved = Some((now.mean() - past.mean()).component_div(&variance.map(f64::sqrt)));
             }
         }
@@ -241,16 +265,16 @@ impl Channel {
         by: Responsibility,
         (spread, noise): (&Features, &Features),
     ) {
-        let FromLevel { at, looks } = look;
+        let FromLevel { at, looks, .. } = look;
         self.day_from_ns = self.day_from_ns.min(t_ns);
 
         if by.replaced > 0.5 {
             *self = Channel { day_from_ns: t_ns, ..Channel::default() };
-            self.today.add(&at, looks);
+            self.today.add(&look, 1.0);
             return;
         }
 
-        self.today.add(&at, by.healthy * looks);
+        self.today.add(&look, by.healthy);
 
         // a fault that lies far from the known one is another one
         let (f, variance) = self.faulty.posterior(&wide(spread), noise);
@@ -260,7 +284,7 @@ impl Channel {
             (self.faulty, self.faulty_looks) = (Sum::default(), 0.0);
         }
         self.faulty.at_most(process::OF_BEGINNING);
-        self.faulty.add(&at, by.faulty * looks);
+        self.faulty.add(&look, by.faulty);
         self.faulty_looks += by.faulty * looks;
 
         // before the next look the channel may become faulty or healthy
@@ -316,13 +340,16 @@ mod tests {
     /// Looks at these times and at this place, each healthy with this probability and else faulty.
     fn learn(of: &mut Channel, times: std::ops::Range<i64>, at: Features, healthy: f64) {
         let by = Responsibility { healthy, faulty: 1.0 - healthy, replaced: 0.0 };
-        times.for_each(|t| of.learn(t, FromLevel { at, looks: 1.0 }, by, (&spread(), &ONE)));
+        times.for_each(|t| {
+            of.learn(t, FromLevel { at, looks: 1.0, warmer: 0.0 }, by, (&spread(), &ONE))
+        });
     }
 
     #[test]
     fn posterior_is_the_conjugate_one() {
         let mut sum = Sum::default();
-        (0..10).for_each(|_| sum.add(&Vector4::new(1.0, 2.0, -1.0, 0.5), 0.5));
+        let at = Vector4::new(1.0, 2.0, -1.0, 0.5);
+        (0..10).for_each(|_| sum.add(&FromLevel { at, looks: 1.0, warmer: 0.0 }, 0.5));
         let (mean, variance) = sum.posterior(&spread(), &Vector4::repeat(1.0));
         // precision 1/s² + n, mean n y / (1/s² + n)
         assert!((variance[0] - 1.0 / (0.25 + 5.0)).abs() < 1e-12);

@@ -11,7 +11,7 @@
 
 use super::ageing::{Apart, rarely_apart};
 use super::channel::{Channel, FromLevel, RUNGS, Sum};
-use super::kind::{Features, Kind, at_least};
+use super::kind::{Features, Kind, at_least_as_wide};
 use super::level::{Expected, Explained, Member, Move, Variances, alike, explain};
 use super::process::{self, DRIFTED, FEWEST, NOT_THIS_HEAD, ODD_ONE, PAUSE_NS};
 use crate::model::median::median_of;
@@ -24,6 +24,8 @@ pub struct Look {
     /// The signal's ring relative to the head's base ring, per unit drive.
     pub features: Features,
     pub drive: f64,
+    /// K above the model's reference temperature.
+    pub warmer: f64,
 }
 
 /// The looks with drives reduced by how much smaller most rings are than the ring of ln amplitude
@@ -70,9 +72,8 @@ pub struct Head {
     /// Whether the recording lies before what was heard already.
     is_earlier: bool,
     pub swapped_ns: Option<i64>,
-    /// Channels that one look after a pause puts down to another channel: when, and the mean of the healthy
-    /// looks before, canonical.
-    replaced: BTreeMap<u32, (i64, Features)>,
+    /// Channels that one look after a pause puts down to another channel: when, and the healthy looks before.
+    replaced: BTreeMap<u32, (i64, Sum)>,
     /// Channels heard since the last pause.
     heard: BTreeSet<u32>,
     /// The variances of the channels about the level, over those that the design says, 1 or more.
@@ -101,7 +102,7 @@ impl Within {
         let reduced =
             self.covariance.diagonal().zip_map(&all, |v, most| (most / v).sqrt().min(1.0));
         let reduced = Matrix4::from_diagonal(&reduced);
-        at_least(1.0, &(reduced * self.covariance * reduced))
+        at_least_as_wide(1.0, &(reduced * self.covariance * reduced))
     }
 
     fn lasting(&self, spread: &Features) -> Features {
@@ -248,8 +249,10 @@ impl Head {
             noise: self.noise(),
             lasting: self.lasting(),
             spread: self.kind.spread.component_mul(&self.wider),
+            per_k: self.kind.variances_per_k(),
         };
-        Member::new(at, look.drive * look.drive, channel, &by, is_first)
+        let looks = look.drive * look.drive;
+        Member::new(FromLevel { at, looks, warmer: look.warmer }, channel, &by, is_first)
     }
 
     /// The level that explains a sweep after a pause. Where the channels agree on none, they are taken
@@ -328,18 +331,22 @@ impl Head {
                 // less the variances of the level, of a smaller drive, and of the mean of looks before
                 let off = at - own.mean();
                 let of_drive = 1.0 / precision - 1.0;
-                let taken_off = uncertain + Matrix4::from_diagonal_element(of_drive);
+                let of_warmth = self.kind.per_k * (look.warmer - own.warmer()).powi(2);
+                let taken_off = uncertain + Matrix4::from_diagonal_element(of_drive) + of_warmth;
                 let square = off * off.transpose() - taken_off;
-                self.within.learn(square / (1.0 + 1.0 / own.looks), r.healthy);
+                // a square says the less the more of it is another temperature's
+                let share = noise.component_div(&(noise + of_warmth.diagonal())).min().powi(2);
+                self.within.learn(square / (1.0 + 1.0 / own.looks), r.healthy * share);
             }
 
             // an uncertain level makes the look's position less certain
             let of_level = uncertain.diagonal().component_div(&noise).mean();
             let looks = 1.0 / (1.0 / precision + of_level);
             if r.replaced > 0.5 && own.looks >= process::FEW {
-                self.replaced.insert(look.channel, (t_ns, own.mean()));
+                self.replaced.insert(look.channel, (t_ns, own));
             }
-            channel.learn(t_ns, FromLevel { at, looks }, *r, (&spread, &noise));
+            let look_at = FromLevel { at, looks, warmer: look.warmer };
+            channel.learn(t_ns, look_at, *r, (&spread, &noise));
             self.heard.insert(look.channel);
         }
     }
@@ -347,7 +354,8 @@ impl Head {
     fn watch(&mut self, looks: &[Look]) {
         let (spread, noise) = (self.kind.spread, self.noise());
 
-        let of = |look: &Look| self.channels.get(&look.channel).map(|of| of.moved(&spread, &noise));
+        let by = (&noise, &self.kind.variances_per_k());
+        let of = |look: &Look| self.channels.get(&look.channel).map(|of| of.moved(&spread, by));
         let moved: Vec<_> = looks.iter().filter_map(of).collect();
 
         // how far all have moved over each span of days, and, last, from the level
@@ -381,11 +389,14 @@ impl Head {
     /// day ([`DRIFTED`]). None in a recording that is earlier than what is known: it shows the channel before.
     pub fn replaced(&self) -> impl Iterator<Item = OtherChannel> {
         let of_looks = self.noise() * process::BETWEEN.powi(2);
+        let per_k = self.kind.variances_per_k();
         let told = self.replaced.iter().filter(|_| !self.is_earlier);
         told.filter_map(move |(&channel, &(since_ns, before))| {
             let now = self.channels.get(&channel)?.healthy();
-            let variance = of_looks * 2.0 + self.noise() / now.looks.max(f64::MIN_POSITIVE);
-            let by = now.mean() - before;
+            let of_warmth = per_k * (now.warmer() - before.warmer()).powi(2);
+            let of_now = self.noise() / now.looks.max(f64::MIN_POSITIVE);
+            let variance = of_looks * 2.0 + of_now + of_warmth;
+            let by = now.mean() - before.mean();
             let is_other = by.component_div(&variance.map(f64::sqrt)).norm_squared() > DRIFTED;
             (is_other && now.looks >= process::FEW).then(|| OtherChannel {
                 channel,
@@ -438,11 +449,18 @@ impl Head {
     }
 
     /// Covariance of features of a healthy look at the reference drive, noise apart, about the place
-    /// where its channel is expected by `looks` looks.
-    pub fn scatter(&self, looks: f64) -> Matrix4<f64> {
+    /// where its channel is expected by `looks` looks, at a temperature `apart` K from theirs.
+    pub fn scatter(&self, looks: f64, apart: f64) -> Matrix4<f64> {
         let (noise, lasting) = (self.noise(), self.lasting());
-        let (_, of_level) = Sum { looks, sum: [0.0; 4] }.posterior(&lasting, &noise);
-        self.shot() + self.kind.covariance_from(&Matrix4::from_diagonal(&of_level))
+        let (_, of_level) = Sum { looks, ..Sum::default() }.posterior(&lasting, &noise);
+        let of_level = Matrix4::from_diagonal(&of_level) + self.kind.per_k * apart.powi(2);
+        self.shot() + self.kind.covariance_from(&of_level)
+    }
+
+    /// How many K above its model's reference temperature its channels' healthy looks were: the median. NaN: none.
+    pub fn warmer(&self) -> f64 {
+        let healthy = self.channels.values().map(Channel::healthy);
+        median_of(healthy.filter(|of| of.looks > 0.0).map(|of| of.warmer()))
     }
 
     pub fn own(&self) -> impl Iterator<Item = OwnLevel> {

@@ -19,6 +19,8 @@ pub struct Kind {
     pub from: Matrix4<f64>,
     /// Variances of healthy channels about their head's level, noise apart, canonical.
     pub spread: Features,
+    /// Covariance of what a kelvin does to channels beside what it does to all of them, canonical; 0: not known.
+    pub per_k: Matrix4<f64>,
     /// Covariance of a leap of the level, canonical.
     pub(super) leap: Matrix4<f64>,
     /// Covariance of where another head's level may be, canonical.
@@ -28,7 +30,7 @@ pub struct Kind {
 }
 
 impl Kind {
-    /// `noise` (N): at the reference drive; `None`: it is no covariance. `ring` begins as 0.
+    /// `noise` (N): at the reference drive; `None`: it is no covariance. `ring` and `per_k` begin as 0.
     pub fn new(noise: &Matrix4<f64>, spread: &Matrix4<f64>, leap: &Matrix4<f64>) -> Option<Kind> {
         let root = noise.cholesky()?.l();
         let inverse = root.try_inverse()?;
@@ -41,10 +43,19 @@ impl Kind {
             to,
             from: root * eigen.eigenvectors,
             spread: eigen.eigenvalues.map(|v| v.max(0.0)),
+            per_k: Matrix4::zeros(),
             leap: to * leap * to.transpose(),
             anywhere: to * to.transpose(),
             ring: 0.0,
         })
+    }
+
+    /// Variances from which no channel lies farther than by the covariance `per_k`, though they know no direction: a
+    /// kelvin moves all features of a channel together, and each of them alone would count that again.
+    pub(super) fn variances_per_k(&self) -> Features {
+        let (trace, square) = (self.per_k.trace(), self.per_k.norm_squared());
+        let directions = if square > 0.0 { trace * trace / square } else { 4.0 };
+        self.per_k.diagonal() * (4.0 / directions)
     }
 
     pub fn covariance(&self, of: &Matrix4<f64>) -> Matrix4<f64> {
@@ -57,10 +68,11 @@ impl Kind {
 }
 
 /// A covariance with its variances along its principal directions raised to at least `least`.
-pub(super) fn at_least(least: f64, of: &Matrix4<f64>) -> Matrix4<f64> {
+pub fn at_least_as_wide(least: f64, of: &Matrix4<f64>) -> Matrix4<f64> {
     let eigen = of.symmetric_eigen();
     let variances = Matrix4::from_diagonal(&eigen.eigenvalues.map(|v| v.max(least)));
-    eigen.eigenvectors * variances * eigen.eigenvectors.transpose()
+    let raised = eigen.eigenvectors * variances * eigen.eigenvectors.transpose();
+    (raised + raised.transpose()) * 0.5
 }
 
 #[cfg(test)]

@@ -11,7 +11,7 @@
 //! ([`Odds`]), and (2) the h that is the mean of prior and looks, weighted by their probability of
 //! being healthy (formula in `docs/design/state.md`, "The model").
 
-use super::channel::{Channel, Responsibility, wide};
+use super::channel::{Channel, FromLevel, Responsibility, Sum, wide};
 use super::kind::{Features, Kind};
 use super::process;
 use crate::model::median::median_of;
@@ -145,37 +145,42 @@ pub struct Variances {
     pub lasting: Features,
     /// Of healthy signals of this kind of head about its level, beyond the design's noise.
     pub spread: Features,
+    /// Of what a kelvin does to channels beside what it does to all.
+    pub per_k: Features,
 }
 
 impl Member {
-    /// `at`: the look's features, canonical, from the base ring; `looks`: its precision, 1 at the
-    /// reference drive; `may_be_new`: since a pause the channel may have been replaced.
+    /// `look`: counted from the base ring; `may_be_new`: since a pause the channel may have been replaced.
     pub fn new(
-        at: Features,
-        looks: f64,
+        FromLevel { at, looks, warmer }: FromLevel,
         channel: &Channel,
         by: &Variances,
         may_be_new: bool,
     ) -> Member {
-        let Variances { noise, lasting, spread } = by;
+        let Variances { noise, lasting, spread, per_k } = by;
 
         // a smaller drive enlarges the noise alone, which is 1 at the reference drive
         let own = noise.add_scalar(1.0 / looks - 1.0);
 
         // where the channel lies while healthy (c) and with its fault (f)
-        let ((c, c_variance), z) = (channel.healthy().posterior(lasting, noise), channel.is_faulty);
+        let (healthy, z) = (channel.healthy(), channel.is_faulty);
+        let (c, c_variance) = healthy.posterior(lasting, noise);
         let (f, f_variance) = channel.faulty.posterior(&wide(spread), noise);
-        let (known, knows_fault) = (channel.healthy().looks > 0.0, channel.knows_fault());
+        let (known, knows_fault) = (healthy.looks > 0.0, channel.knows_fault());
+        let of_warmth = |of: &Sum| match of.looks > 0.0 {
+            true => per_k * (warmer - of.warmer()).powi(2),
+            false => Features::zeros(),
+        };
         let back = if knows_fault { 0.5 } else { 0.0 };
         let is_replaced = if may_be_new && known { process::CHANGE } else { 0.0 };
-        let healthy = c_variance + own;
+        let healthy = c_variance + own + of_warmth(&healthy);
         Member {
             at,
             from_own: at - c,
             from_fault: at - f,
             healthy: Hypothesis::new(1.0 - z, healthy),
             elsewhere: Hypothesis::new(z * (1.0 - back), healthy + wide(spread)),
-            back: Hypothesis::new(z * back, f_variance + own),
+            back: Hypothesis::new(z * back, f_variance + own + of_warmth(&channel.faulty)),
             replaced: Hypothesis::new(is_replaced, spread + own),
             was_faulty: z,
             is_replaced,

@@ -7,12 +7,12 @@
 
 use super::channel::{Channel, Sum};
 use super::head::{Head, Within};
-use super::kind::{Features, Kind, at_least};
+use super::kind::{Features, Kind, at_least_as_wide};
 use nalgebra::{Matrix4, Vector4};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
-pub const VERSION: u32 = 3;
+pub const VERSION: u32 = 4;
 /// Channels of all printheads in a file, at most.
 pub const MOST_CHANNELS: usize = 1 << 20;
 /// Largest number of features or looks that a file may hold.
@@ -125,7 +125,9 @@ impl HeadMemory {
                 && (of - of.transpose()).amax() <= rounding
                 && of.symmetric_eigenvalues().min() >= -rounding
         };
-        let sums = |of: &Sum| (0.0..=MOST).contains(&of.looks) && of.sum.iter().all(bounded);
+        let sums = |of: &Sum| {
+            (0.0..=MOST).contains(&of.looks) && of.sum.iter().chain([&of.kelvins]).all(bounded)
+        };
         let of_channel = |of: &Channel| {
             of.past.iter().chain([&of.today, &of.faulty]).all(sums)
                 && (0.0..=1.0).contains(&of.is_faulty)
@@ -153,7 +155,7 @@ fn rows(of: &Matrix4<f64>) -> [[f64; 4]; 4] {
 
 /// A channel with its positions in other coordinates. `by`: the matrix that leads there.
 fn mapped(of: &Channel, by: &Matrix4<f64>) -> Channel {
-    let sum = |of: &Sum| Sum { looks: of.looks, sum: (by * Vector4::from(of.sum)).into() };
+    let sum = |of: &Sum| Sum { sum: (by * Vector4::from(of.sum)).into(), ..*of };
     let past = of.past.each_ref().map(sum);
     Channel { past, today: sum(&of.today), faulty: sum(&of.faulty), ..*of }
 }
@@ -184,7 +186,7 @@ impl Head {
     /// What is to be remembered of the head. `ring`: the base ring, if no design names it.
     pub fn memory(&self, ring: Option<[f64; 4]>) -> HeadMemory {
         let kind = &self.kind;
-        let within = at_least(0.0, &self.within.covariance);
+        let within = at_least_as_wide(0.0, &self.within.covariance);
         let spread = Matrix4::from_diagonal(&kind.spread.component_mul(&self.wider));
         let channels = self.channels.iter();
         HeadMemory {

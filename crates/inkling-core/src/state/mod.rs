@@ -27,5 +27,5 @@ mod tests;
 
 pub use channel::{Channel, Sum};
 pub use head::{Head, Look, OtherChannel, OwnLevel, SweepOutcome};
-pub use kind::{Features, Kind};
+pub use kind::{Features, Kind, at_least_as_wide};
 pub use memory::{HeadMemory, Memory, Replaced};

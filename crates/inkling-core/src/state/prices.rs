@@ -89,7 +89,8 @@ impl Nights {
             let level = self.head.level();
             for OwnLevel { channel, looks: behind, at, off, .. } in own {
                 let k = channel as usize;
-                let metric = (self.head.scatter(behind) + diagonal(NOISE)).try_inverse().unwrap();
+                let metric =
+                    (self.head.scatter(behind, 0.0) + diagonal(NOISE)).try_inverse().unwrap();
                 let d = looks[k].features - level - at;
                 look(k, sweep, off > 0.0 || d.dot(&(metric * d)) > BOUND);
             }

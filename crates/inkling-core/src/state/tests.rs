@@ -105,7 +105,9 @@ fn in_noises(off: Features) -> f64 {
 /// Looks at the channels 0, 1, 2 ...
 pub fn looks(features: impl IntoIterator<Item = Features>) -> Vec<Look> {
     let numbered = (0..).zip(features);
-    numbered.map(|(channel, features)| Look { channel, features, drive: 1.0 }).collect()
+    numbered
+        .map(|(channel, features)| Look { channel, features, drive: 1.0, warmer: 0.0 })
+        .collect()
 }
 
 pub fn normal(rng: &mut ChaCha8Rng, sd: [f64; 4]) -> Features {
@@ -132,7 +134,7 @@ fn looks_lie_off_what_is_expected_as_far_as_is_said() {
             };
             for OwnLevel { channel: k, looks, at, .. } in own {
                 let off = world.own[k as usize] + world.drawn() - level - at;
-                let covariance = world.head.scatter(looks) + diagonal(NOISE);
+                let covariance = world.head.scatter(looks, 0.0) + diagonal(NOISE);
                 square += off.dot(&(covariance.try_inverse().unwrap() * off));
                 n += 4.0;
             }
@@ -167,7 +169,7 @@ fn what_drops_differ_by_is_learned_along_its_own_direction() {
             };
             head.sweep(sweep * SECOND, &looks(own.iter().map(look)), 0);
         }
-        let learned = head.scatter(1e6) + noise;
+        let learned = head.scatter(1e6, 0.0) + noise;
         let by = (drops + noise).try_inverse().unwrap() * learned;
         let eigen = by.complex_eigenvalues();
         assert!(eigen.iter().all(|v| (0.8..1.25).contains(&v.re)), "{spread:?}: {eigen}");
@@ -189,7 +191,7 @@ fn scatter_is_the_same_from_whatever_ring_features_are_counted() {
             let look = |own| at + own + normal(&mut rng, drop) + normal(&mut rng, NOISE);
             head.sweep(sweep * SECOND, &looks(own.iter().map(look)), 0);
         }
-        head.scatter(1e6)
+        head.scatter(1e6, 0.0)
     };
     let (own, above) = (scatter(0.0), scatter(-0.5));
     assert!((own - above).amax() < 1e-3 * own.amax(), "{own} {above}");
@@ -381,9 +383,9 @@ fn a_state_is_the_same_once_it_was_written_and_read() {
     }
     for (wrong, says) in [
         ("{}", "version"),
-        ("{\"version\":3}", "printheads"),
-        ("{\"version\":2}", "state version 2, made by an unreleased version"),
-        ("{\"version\":4}", "state version 4, made by a newer inkling"),
+        ("{\"version\":4}", "printheads"),
+        ("{\"version\":3}", "state version 3, made by an unreleased version"),
+        ("{\"version\":5}", "state version 5, made by a newer inkling"),
     ] {
         let refused = Memory::from_json(wrong.as_bytes()).unwrap_err();
         assert!(refused.contains(says), "{refused}");
