@@ -14,7 +14,7 @@ use super::lost;
 use super::progress::{counted, first_few, thousands};
 use super::report::printable;
 use crate::pipeline::rfc3339;
-use crate::report::{Changes, Fault, HeadChange, Report, Story, clock};
+use crate::report::{Changes, Fault, HeadChange, Note, Report, Story, alike, channels, clock};
 use inkling_io::file_error::FileError;
 use inkling_io::inputs::Input;
 use inkling_io::journal::Entry;
@@ -175,6 +175,8 @@ pub struct ChangesSince<'a> {
     known: usize,
     /// What happened to whole printheads in the recordings since then.
     heads: Vec<&'a HeadChange>,
+    /// Of printheads with so many new faults that the nozzles are hardly their cause.
+    notes: Vec<&'a str>,
     /// Printheads, recordings and parts of recordings that were not judged since then, and why.
     unjudged: Vec<Unjudged>,
     /// Recordings whose results came since and that are damaged, and how.
@@ -238,6 +240,11 @@ impl<'a> ChangesSince<'a> {
         let damaged = damaged.filter(|line| !has_results(&line.name));
         let damaged = damaged.map(|line| Unjudged::new(&line.name, &line.flaws)).collect();
         let heads = report.head_changes.iter().filter(|of| !has_results(&of.recording)).collect();
+        let new = || changes.kinds.iter().filter(|of| of.0 == "new").flat_map(|of| &of.2);
+        let is_of_new = |note: &&Note| {
+            new().any(|fault| note.printhead.as_ref() == Some(&fault.story.printhead))
+        };
+        let notes = report.notes.iter().filter(is_of_new).map(|note| &*note.what).collect();
         let is_since = |of: &&[String; 2]| !of.iter().all(|name| has_results(name));
         let overlapping = report.overlapping.iter().filter(is_since).collect();
         let is_gone = |told: &&ToldFault| !faults.iter().any(|fault| told.is(&fault.story));
@@ -250,6 +257,7 @@ impl<'a> ChangesSince<'a> {
             again,
             known,
             heads,
+            notes,
             unjudged,
             damaged,
             gone,
@@ -300,15 +308,19 @@ impl<'a> ChangesSince<'a> {
             format!("{}: {}", printable(&of.printhead), printable::line(&of.what, 600))
         };
         list(out, "printheads", self.heads.iter().map(line))?;
-        for (_, words, faults) in &self.changes.kinds {
+        list(out, "notes", self.notes.iter().map(|note| printable::line(note, 600)))?;
+        for (_, kind, faults) in &self.changes.kinds {
             let line = |fault: &&Fault| {
                 let channel = fault.story.channel;
                 let head = printable(&fault.story.printhead);
                 // the sentence begins with the channel, which this line has named already
                 let sentence = fault.sentence.replacen(&format!("channel {channel}: "), "", 1);
-                format!("{head} channel {channel}: {}", printable::line(&sentence, 600))
+                (channel, (head, printable::line(&sentence, 600)))
             };
-            list(out, words, faults.iter().map(line))?;
+            let lines = alike(faults.iter().map(line))
+                .into_iter()
+                .map(|(of, (head, said))| format!("{head} {}: {said}", channels(&of)));
+            list_of(out, kind, faults.len(), lines)?;
         }
         let line = |Unjudged { what, why }: &Unjudged| {
             format!("{}: {}", printable::line(what, 200), printable::line(why, 600))
@@ -355,6 +367,16 @@ fn list(
     lines: impl ExactSizeIterator<Item = String>,
 ) -> std::io::Result<()> {
     let all = lines.len();
+    list_of(out, words, all, lines)
+}
+
+/// The same of lines that tell of `all`, some of several.
+fn list_of(
+    out: &mut impl Write,
+    words: &str,
+    all: usize,
+    lines: impl ExactSizeIterator<Item = String>,
+) -> std::io::Result<()> {
     if all > 0 {
         writeln!(out, "{words}: {}", thousands(all as u64))?;
     }

@@ -6,7 +6,7 @@
 use super::progress::{counted, first_few, thousands};
 use crate::pipeline::RecordingReport;
 use crate::pipeline::tally::PrintheadTally;
-use crate::report::clock;
+use crate::report::{alike, channels, clock};
 use inkling_core::episodes::{Counts, Episode};
 use inkling_io::printable;
 use std::io::{self, Write};
@@ -119,10 +119,15 @@ fn print_episodes(episodes: &[&Episode], out: &mut impl Write) -> io::Result<()>
     let lines = episodes.iter().map(|e| {
         let (since, bursts) = (clock(e.began_at_ns), thousands(e.bursts));
         let until = e.ended_at_ns.map_or("still on".to_owned(), clock);
-        let explanation = printable::line(&e.explanation, 1000);
-        format!("{since} to {until:<19} {bursts:>7}  {explanation}")
+        let begin = format!("channel {}: ", e.channel);
+        let said = e.explanation.strip_prefix(&begin).unwrap_or(&e.explanation);
+        let when = format!("{since} to {until:<19} {bursts:>7}");
+        (e.channel, (when, printable::line(said, 1000)))
     });
-    first_few(lines, MOST_LISTED, |more| format!("and {more} episodes more"))
+    let lines = alike(lines)
+        .into_iter()
+        .map(|(of, (when, said))| format!("{when}  {}: {said}", channels(&of)));
+    first_few(lines, MOST_LISTED, |more| format!("and {more} lines more"))
         .try_for_each(|line| writeln!(out, "    {line}"))
 }
 

@@ -189,7 +189,7 @@ fn tell_json(
     document["coverage"] = json!(coverage);
     document["coverage"]["complete"] = json!(coverage.is_complete());
     document["head_changes"] = read.report.head_changes.iter().map(head_as_json).collect();
-    document["notes"] = json!(read.report.notes);
+    document["notes"] = read.report.notes.iter().map(|note| json!(note.what)).collect();
     document["failed"] = json!(read.failed);
     output::event(&document)
 }

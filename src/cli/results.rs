@@ -13,7 +13,8 @@ use super::lost;
 use super::progress::Progress;
 use crate::pipeline::Control;
 use crate::report::{
-    Clocks, LostRecording, Names, RecordingCounts, Report, ReportSettings, Source, Survey, clock,
+    Clocks, LostRecording, Names, Note, RecordingCounts, Report, ReportSettings, Source, Survey,
+    clock,
 };
 use inkling_core::verdict::VerdictColumns;
 use inkling_io::file_error::FileError;
@@ -241,7 +242,7 @@ pub fn read(
     let mut lost = lost::of(inputs, &failed, &acknowledged);
     lost.extend(far_ahead);
     let mut report = Report::new(&sources, survey, lost, &acknowledged, settings.clone());
-    report.notes.append(&mut copies);
+    report.notes.extend(copies.into_iter().map(Note::of_all));
     Ok(ReadReport { report, failed, notes, classes })
 }
 

@@ -22,6 +22,7 @@ use crate::report::{WrongStretch, rfc3339};
 use crate::settings::Settings;
 use inkling_core::burst::UnusableBurst;
 use inkling_core::episodes::Untimely;
+use inkling_core::numbers::LITTLE;
 use inkling_core::state::Memory;
 use inkling_core::verdict::Reason;
 use inkling_io::damage::Damage;
@@ -169,6 +170,14 @@ pub fn note_not_judged(
         }
     }
 
+    // of printheads of which some was judged that is told, unless a warning or one of these sentences says more
+    let is_new = |told: &NotJudged| {
+        let said = told.printhead.as_deref().is_some_and(|name| report.has_moved(name));
+        !said && all.iter().all(|known| known.printhead != told.printhead)
+    };
+    let partly = partly(tally, judges, &report.refusals).filter(is_new);
+    report.unread.extend(partly.collect::<Vec<_>>());
+
     let ignored = settings.input.ignored();
     let printheads: Vec<&str> = tally.printheads.keys().map(|name| &**name).collect();
     let topics = recording.unread(&settings.input.dialects(), &printheads).into_iter();
@@ -287,6 +296,25 @@ fn rejected(tally: &Tally, judges: &Judges, refusals: &[Refusal]) -> Vec<NotJudg
         all.push(NotJudged { signals, judged, what, ..NotJudged::default() });
     }
     all
+}
+
+/// The sentences about printheads of which many signals could not be judged, and some could.
+fn partly<'a>(
+    tally: &'a Tally,
+    judges: &'a Judges,
+    refusals: &'a [Refusal],
+) -> impl Iterator<Item = NotJudged> + 'a {
+    let lacking = tally.printheads.iter().filter(|(name, of)| {
+        let lost = of.signals - of.known();
+        !name.is_empty() && of.known() > 0 && lost as f64 > LITTLE * of.signals as f64
+    });
+    lacking.take(MOST_NAMED).map(move |(name, head)| {
+        let (signals, judged) = (head.signals, head.known());
+        let why = why(name, head, judges, refusals);
+        let lost = signals - judged;
+        let what = format!("{lost} of {signals} signals of {name} could not be judged: {why}");
+        NotJudged { printhead: Some(name.to_string()), signals, judged, what, topic: None }
+    })
 }
 
 /// Why a printhead's signals could not be judged: the commonest reason, with the numbers that differ from the

@@ -143,7 +143,10 @@ impl Report {
         let gaps = self.coverage.gaps.iter().map(|gap| of_gap(gap, &lines));
         let lost = self.coverage.lost.iter().map(of_lost);
         let heads = self.head_changes.iter().map(of_head);
-        let notes = self.notes.iter().map(|note| Statement::new(Kind::Note, note));
+        let notes = self.notes.iter().map(|note| Statement {
+            printhead: note.printhead.as_deref(),
+            ..Statement::new(Kind::Note, &note.what)
+        });
         let faults = self.faults.iter().map(|fault| of_fault(fault, &lines));
         let statements = gaps.chain(lost).chain(heads).chain(notes).chain(faults).collect();
         let printheads = self.survey.heads_with_signals().map(|head| {

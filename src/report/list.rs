@@ -1,12 +1,12 @@
 //! The cleaning list on a terminal, which `report` and `replay` print.
 //!
-//! In: a [`Report`]. Out: text: what was not judged and the notes, then one line for each channel
-//! to clean, most urgent first, then channels that are healthy again.
+//! In: a [`Report`]. Out: text: what was not judged and the notes, then one line for each fault
+//! to see to, most urgent first, of all channels of which it says the same, then channels that are healthy again.
 
 use super::acknowledged;
 use super::coverage::Extent;
 use super::fault::instead_in_words;
-use super::words::{Column, clock, columns, counted, counted_as, joined};
+use super::words::{Column, alike, clock, columns, counted, counted_as, joined};
 use super::{
     Fault, HeadChange, Report, certain_trend, forecast_in_words, size, trend_in_words, what,
 };
@@ -33,7 +33,7 @@ pub fn print(
         writeln!(out, "{}: {}", printable(printhead, 64), printable(what, 600))?;
     }
     for note in report.notes.iter().take(MOST_LISTED) {
-        writeln!(out, "note: {}", printable(note, 600))?;
+        writeln!(out, "note: {}", printable(&note.what, 600))?;
     }
     let recordings = counted(report.recordings.len() as u64, "recording");
     match report.coverage.extent() {
@@ -47,9 +47,6 @@ pub fn print(
         Extent::Partial => {
             writeln!(out, "what is known after {recordings} names no channel to clean")?;
         }
-    }
-    if open.len() > MOST_LISTED {
-        writeln!(out, "  and {} channels more", open.len() - MOST_LISTED)?;
     }
     if over > 0 {
         let name = |fault: &Fault| {
@@ -84,13 +81,23 @@ fn to_clean(
         Column::Words("do", 15),
         Column::Last("what"),
     ];
-    let of_fault = open.iter().take(MOST_LISTED).map(|fault| {
+    let of_fault = open.iter().map(|fault| {
         let (urgency, story) = (format!("{:.2}", fault.urgency), &fault.story);
-        let (head, channel) = (printable(&story.printhead, 64), story.channel.to_string());
+        let head = printable(&story.printhead, 64);
         let (action, what) = (printable(&fault.action, 64), printable(&in_words(fault), 400));
-        [urgency, head, channel, clock(story.began_at_ns), action, what]
+        (story.channel, [urgency, head, clock(story.began_at_ns), action, what])
     });
-    columns(out, heads, of_fault)
+    let lines = alike(of_fault);
+    let more = lines.len().saturating_sub(MOST_LISTED);
+    let of_channels = |(channels, line): (String, [String; 5])| {
+        let [urgency, head, since, action, what] = line;
+        [urgency, head, channels, since, action, what]
+    };
+    columns(out, heads, lines.into_iter().take(MOST_LISTED).map(of_channels))?;
+    if more > 0 {
+        writeln!(out, "  and {} more", counted(more as u64, "line"))?;
+    }
+    Ok(())
 }
 
 /// The last column of a fault's line.

@@ -67,6 +67,7 @@ pub use head_changes::HeadChange;
 pub use list::print;
 pub use maps::waterfalls;
 pub use night::{Span, whole};
+pub use notes::Note;
 pub use page::html;
 pub use promised::print as print_promise;
 pub use recording_counts::{Names, RecordingCounts};
@@ -74,7 +75,9 @@ pub use settings::ReportSettings;
 pub use source::{LostRecording, Source};
 pub use story::Story;
 pub use survey::Survey;
-pub use words::{Column, clock, columns, first_of, grouped, rfc3339, three_digits};
+pub use words::{
+    Column, alike, channels, clock, columns, first_of, grouped, rfc3339, three_digits,
+};
 
 use counts::Tally;
 use coverage::Coverage;
@@ -122,7 +125,7 @@ pub struct Report {
     /// The faults of all channels, the most urgent first.
     pub faults: Vec<Fault>,
     /// Sentences that the reader should know before anything is cleaned.
-    pub notes: Vec<String>,
+    pub notes: Vec<Note>,
     /// Pairs of recordings, by name, that hold the same channels at the same times; `notes` has some.
     pub overlapping: Vec<[String; 2]>,
     /// What happened to whole printheads, the newest first.
@@ -167,7 +170,7 @@ impl Report {
 
         // What is told over channels and recordings.
         let mut notes = notes::notes(&survey, &faults, sources);
-        notes.extend(acknowledged.mistakes.iter().cloned());
+        notes.extend(acknowledged.mistakes.iter().cloned().map(Note::of_all));
         let mut recordings = lines(sources, &survey);
         recordings.sort_by_cached_key(|line| (line.span.map(|span| span.0), line.name.clone()));
         let drift = drift::points(sources);

@@ -11,14 +11,32 @@ use super::source::Source;
 use super::survey::{Head, Survey};
 use super::words::{counted, percent, thousands};
 use inkling_core::verdict::at_once::{ADVICE, FEWEST_CHANNELS, MOST_AT_ONCE};
+use std::sync::Arc;
 
 /// Most pairs of overlapping recordings that are named; of further ones only the number is told.
 const MOST_NAMED: usize = 3;
 
+/// A sentence that the reader should know before anything is cleaned.
+#[derive(Clone, Debug)]
+pub struct Note {
+    /// Whose faults it is about; `None`: no printhead's.
+    pub printhead: Option<Arc<str>>,
+    pub what: String,
+}
+
+impl Note {
+    pub fn of_all(what: String) -> Note {
+        Note { printhead: None, what }
+    }
+}
+
 /// All notes of a report.
-pub fn notes(survey: &Survey, faults: &[Fault], sources: &[Source]) -> Vec<String> {
-    let at_once = survey.heads.iter().filter_map(|head| at_once(head, faults));
-    at_once.chain(overlaps(survey, sources)).collect()
+pub fn notes(survey: &Survey, faults: &[Fault], sources: &[Source]) -> Vec<Note> {
+    let at_once = survey.heads.iter().filter_map(|head| {
+        let what = at_once(head, faults)?;
+        Some(Note { printhead: Some(head.name.clone()), what })
+    });
+    at_once.chain(overlaps(survey, sources).map(Note::of_all)).collect()
 }
 
 /// The note of a printhead of which so much looks faulty at once that what its channels share is the

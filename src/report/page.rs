@@ -46,7 +46,7 @@ pub fn html(report: &Report) -> String {
         body += &format!("<p class=\"warn\"><b>{}.</b> {}</p>\n", name(printhead), escaped(what));
     }
     for note in &report.notes {
-        body += &format!("<p class=\"warn\"><b>Note.</b> {}</p>\n", escaped(note));
+        body += &format!("<p class=\"warn\"><b>Note.</b> {}</p>\n", escaped(&note.what));
     }
 
     // Figures and maps are drawn before the lists, because the lists link to those that exist.

@@ -4,6 +4,7 @@
 use Column::{Last, Number, Words};
 use chrono::{DateTime, SecondsFormat};
 pub use inkling_lab::plot::page::first_of;
+use std::collections::BTreeMap;
 use std::io::{self, Write};
 
 /// A time, ns since 1970, as `2025-01-09 08:00:10`, UTC.
@@ -89,6 +90,37 @@ pub fn percent(part: u64, of: u64) -> String {
     }
 }
 
+/// Lines that say the same of several channels, each once and in the order in which they first came, after the channels
+/// in words: what is wrong with a whole printhead is no list of all its channels.
+pub fn alike<L: Ord + Clone>(lines: impl IntoIterator<Item = (u32, L)>) -> Vec<(String, L)> {
+    let mut places: BTreeMap<L, usize> = BTreeMap::new();
+    let mut all: Vec<(Vec<u32>, L)> = Vec::new();
+    for (channel, line) in lines {
+        let place = *places.entry(line).or_insert_with_key(|line| {
+            all.push((Vec::new(), line.clone()));
+            all.len() - 1
+        });
+        all[place].0.push(channel);
+    }
+    all.into_iter().map(|(channels, line)| (ranges(channels), line)).collect()
+}
+
+/// Channels as [`alike`] gives them, with their noun.
+pub fn channels(numbers: &str) -> String {
+    format!("channel{} {numbers}", if numbers.contains(' ') { "s" } else { "" })
+}
+
+/// Channel numbers in words: `7`, or `0 to 4, 7, 9`.
+fn ranges(mut channels: Vec<u32>) -> String {
+    channels.sort_unstable();
+    channels.dedup();
+    let runs = channels.chunk_by(|a, b| a + 1 == *b).flat_map(|run| match run {
+        [first, .., last] if last - first > 1 => vec![format!("{first} to {last}")],
+        few => few.iter().map(u32::to_string).collect(),
+    });
+    runs.collect::<Vec<_>>().join(", ")
+}
+
 /// A column: its head, and its width in characters.
 #[derive(Clone, Copy)]
 pub enum Column<'a> {
@@ -147,6 +179,12 @@ mod tests {
             (percent(1, 3), percent(0, 3), percent(1, 0)),
             ("33.3 %".into(), "0 %".into(), "–".into())
         );
+    }
+
+    #[test]
+    fn what_is_the_same_of_many_channels_is_said_once() {
+        let lines = [(4, "a"), (9, "b"), (0, "a"), (1, "a"), (2, "a"), (5, "a")];
+        assert_eq!(alike(lines), [("0 to 2, 4, 5".into(), "a"), ("9".into(), "b")]);
     }
 
     #[test]

@@ -47,8 +47,8 @@ pub struct HealthyModel {
     pub damping_per_k: f64,
     pub frequency_per_k: f64,
     /// Covariance, over channels, of what a kelvin does to a channel's ln amplitude, ln damping, ln frequency and phase in
-    /// rad beside what it does to all of them; absent: not known.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    /// rad beside what it does to all of them; `None`: not known.
+    #[serde(default)]
     pub channels_per_k: Option<[[f64; 4]; 4]>,
     /// How many K above `temperature_c` its ring, expected signal and sensitivities lie: 0 unless it was moved there.
     #[serde(skip)]
