@@ -15,6 +15,7 @@ use super::head_clock::Standing;
 use super::locked;
 use inkling_core::burst::{Acquisition, Burst, Place, SignalBatch};
 use inkling_core::design::{Detection, Judge, OwnChannels};
+use inkling_core::episodes::Rings;
 use inkling_core::verdict::{Appearance, Reason, Tests, VerdictColumns, Verdicts};
 use inkling_io::block::Block;
 use inkling_io::block_reader::Definitions;
@@ -143,8 +144,8 @@ pub struct FlaggedSignal {
     /// Weight of each class; what their sum lacks to 1 is the weight of no class.
     /// Empty: isolation said nothing.
     pub weights: Vec<f32>,
-    /// ln damping and ln frequency of its ring, relative to the healthy model's.
-    pub ring: Option<[f64; 2]>,
+    /// `None`: it does not ring.
+    pub rings: Option<Rings>,
     pub appearance: Option<Appearance>,
 }
 

@@ -21,7 +21,7 @@ use super::rows::Id;
 use super::run::{EpisodeEvent, Replay, Watch};
 use inkling_core::design::{Design, HealthyModel, OwnChannels};
 use inkling_core::episodes::{
-    Counts, Episode, IsolatedSignal, Looks, Rings, Tracker, TrackerResult, Untimely,
+    Counts, Episode, IsolatedSignal, Looks, Tracker, TrackerResult, Untimely,
 };
 use inkling_core::isolate::IsolateMethod;
 use inkling_core::verdict::{HealthyRun, Part, Tests, VerdictColumns, Verdicts};
@@ -117,7 +117,7 @@ impl<'a> EpisodeTap<'a> {
                         // flagged signals come in the order of their rows
                         if let Some(of) = flagged.next_if(|f| f.row as usize == row) {
                             let in_burst = (burst.looks.ratios.len() - 1) as u32; // a batch is far smaller
-                            burst.looks.named.push(self.named(of, c, row, in_burst));
+                            burst.looks.named.push(Self::named(of, c, row, in_burst));
                         }
                     }
                 }
@@ -157,23 +157,13 @@ impl<'a> EpisodeTap<'a> {
         self.models.get(&number).map(|model| &**model)
     }
 
-    /// What isolation says of a row. `row`, `in_burst`: its index in `c` and among the burst's signals. The ring
-    /// is turned from logarithms relative to the healthy model into Hz and 1/s.
+    /// What isolation says of a row. `row`, `in_burst`: its index in `c` and among the burst's signals.
     fn named(
-        &self,
         flagged: FlaggedSignal,
         c: &VerdictColumns,
         row: usize,
         in_burst: u32,
     ) -> IsolatedSignal {
-        let healthy = c.model[row].and_then(|number| self.model_of(number));
-        let ring = flagged.ring.zip(healthy.map(|model| model.identification.poles));
-        let rings = ring.map(|([ln_damping, ln_frequency], healthy)| Rings {
-            frequency_hz: healthy.frequency_hz * ln_frequency.exp(),
-            damping_per_s: healthy.damping_per_s * ln_damping.exp(),
-            healthy_frequency_hz: healthy.frequency_hz,
-            healthy_damping_per_s: healthy.damping_per_s,
-        });
         IsolatedSignal {
             row: in_burst,
             weights: flagged.weights,
@@ -182,7 +172,7 @@ impl<'a> EpisodeTap<'a> {
             candidate: c.candidate[row],
             severity: c.severity[row],
             severity_sd: c.severity_sd[row],
-            rings,
+            rings: flagged.rings,
             resonance: c.resonance_hz[row].zip(c.damping_per_s[row]),
         }
     }

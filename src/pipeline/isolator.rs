@@ -17,6 +17,7 @@ use super::rows::{self, Id, Row};
 use crate::settings::{RingsOf, Settings};
 use inkling_core::burst::{Acquisition, Burst};
 use inkling_core::design::{Detection, Isolation, Judge, OwnChannels, Tested, Workspace};
+use inkling_core::episodes;
 use inkling_core::isolate::Likeness;
 use inkling_core::verdict::{Appearance, Reason, Verdicts};
 use std::sync::Arc;
@@ -244,18 +245,22 @@ impl<'a> Isolator<'a> {
         row: usize,
     ) -> FlaggedSignal {
         let strange = isolation.is_some_and(|isolation| isolation.likeness != Likeness::KnownClass);
-        let poles = of.judge.model.identification.poles;
-        // ln damping and ln frequency from the healthy model's
-        let relative = |[f, damping]: [f64; 2]| {
-            [(damping / poles.damping_per_s).ln(), (f / poles.frequency_hz).ln()]
-        };
+        let channel = of.burst.first_channel.saturating_add(of.row as u32);
+        let own = of.own.and_then(|own| own.of(channel)).map(|own| own.baseline);
+        let healthy = of.judge.healthy_ring(of.judge.warmer(of.burst), own);
+        let rings = ring.map(|[frequency_hz, damping_per_s]| episodes::Rings {
+            frequency_hz,
+            damping_per_s,
+            healthy_frequency_hz: healthy[0],
+            healthy_damping_per_s: healthy[1],
+        });
         let alternative = self.work.alternative.take();
         let appearance = alternative.or_else(|| strange.then(|| self.appearance(of)).flatten());
         FlaggedSignal {
             appearance,
             row: row as u32, // a batch is far smaller
             weights: self.work.weights.iter().map(|&w| (w * self.work.of_any) as f32).collect(),
-            ring: self.work.ring.or(ring.map(relative)),
+            rings,
         }
     }
 

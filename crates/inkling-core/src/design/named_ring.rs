@@ -71,9 +71,8 @@ impl Judge {
 
         let warmer = work.warmer;
         work.misfit = fit.misfit / (noise * noise * self.model.expected.len() as f64);
-        let Workspace { weights, of_any, alternative, ring, physics, own, ln_densities, .. } = work;
+        let Workspace { weights, of_any, alternative, physics, own, ln_densities, .. } = work;
         let features = &classifier.features(fit, warmer);
-        *ring = Some([features[1], features[2]]);
 
         // Step 2: curves about the own channel's level, where it is known well; or any channel's.
         let of_own = own.as_ref().and_then(|own| own.curves.as_ref().zip(Some(&own.baseline)));

@@ -9,6 +9,7 @@ use super::detector::is_ring;
 use super::judge::Judge;
 use super::workspace::Workspace;
 use crate::model::ring_fit::RingFitter;
+use nalgebra::Vector4;
 
 impl Judge {
     /// Resonance, Hz, and damping, 1/s, of the ring fitted to a signal, in its isolation or now.
@@ -31,7 +32,18 @@ impl Judge {
         fit.filter(|fit| is_ring(fit, noise)).map(|fit| fitter.frequency_and_damping(&fit.features))
     }
 
-    /// The same in closed form, to second order. `deviation`: at the signal's drive and temperature,
+    /// Resonance, Hz, and damping, 1/s, at which a healthy signal would ring at `warmer` K above the model's temperature:
+    /// that of the channel where its own level is known, `own` (features relative to the model's ring), else of all.
+    pub fn healthy_ring(&self, warmer: f64, own: Option<Vector4<f64>>) -> [f64; 2] {
+        let (poles, model) = (self.model.identification.poles, &self.model);
+        let own = own.unwrap_or_default();
+        [
+            poles.frequency_hz * (own[2] + warmer * model.frequency_per_k).exp(),
+            poles.damping_per_s * (own[1] + warmer * model.damping_per_k).exp(),
+        ]
+    }
+
+    /// The same of a signal in closed form, to second order. `deviation`: at the signal's drive and temperature,
     /// N, counts. `None`: detection knows no sensitivities, or the result is not finite.
     pub fn ring_in_closed_form(
         &self,
@@ -40,12 +52,8 @@ impl Judge {
         warmer: f64,
     ) -> Option<[f64; 2]> {
         let features = self.detector.as_ref()?.own_features(deviation, drive);
-        // relative to the model's ring at the signal's temperature: its poles moved by `warmer`
-        let (poles, model) = (self.model.identification.poles, &self.model);
-        let ring = [
-            poles.frequency_hz * (features[2] + warmer * model.frequency_per_k).exp(),
-            poles.damping_per_s * (features[1] + warmer * model.damping_per_k).exp(),
-        ];
+        // they are relative to the model's ring at the signal's temperature
+        let ring = self.healthy_ring(warmer, Some(features));
         ring.iter().all(|v| v.is_finite()).then_some(ring)
     }
 

@@ -25,13 +25,11 @@ pub struct Workspace {
     pub of_any: f64,
     /// What the signal may well be instead of a fault of a class.
     pub alternative: Option<Appearance>,
-    /// ln damping and ln frequency of the fitted ring, relative to the healthy model's and corrected
-    /// to its temperature; `None`: no ring was fitted, or it is no more than noise.
-    pub ring: Option<[f64; 2]>,
     /// `None`: the signal is of no class, or no law says what its size is.
     pub severity: Option<Severity>,
     /// The mean square, over the noise's variance, of the misfit of the fit; or, where that exceeds
-    /// the bound of the best class, of the misfit beside the ring. NaN as `ring` is `None`.
+    /// the bound of the best class, of the misfit beside the ring. NaN: no ring was fitted, or it is no more than
+    /// noise.
     pub misfit: f64,
     /// The ring fitted to the signal per unit drive; `None`: no ring was fitted.
     pub(super) fit: Option<Fit>,
@@ -46,7 +44,7 @@ pub struct Workspace {
 
 impl Workspace {
     pub fn forget(&mut self) {
-        (self.severity, self.ring, self.fit, self.misfit) = (None, None, None, f64::NAN);
+        (self.severity, self.fit, self.misfit) = (None, None, f64::NAN);
         self.weights.clear();
         (self.of_any, self.alternative) = (1.0, None);
         self.beside.clear();
@@ -67,11 +65,9 @@ mod tests {
         let mut work = Workspace {
             weights: vec![1.0],
             alternative: Some(Appearance::Slow),
-            ring: Some([0.1, 0.2]),
             ..Workspace::default()
         };
         work.drop_name();
         assert!(work.weights.is_empty() && work.severity.is_none() && work.alternative.is_none());
-        assert_eq!(work.ring, Some([0.1, 0.2]), "the ring is the signal's, not the name's");
     }
 }

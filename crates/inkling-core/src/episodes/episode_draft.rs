@@ -29,7 +29,7 @@ pub struct EpisodeDraft {
     pub votes: Vec<f64>,
     /// What the last signal looks like that is of no class, or may as well be none.
     pub appearance: Option<Appearance>,
-    /// Running mean of the faulty rings with the last healthy ring, and its number of looks.
+    /// Running mean of the faulty rings, and of the healthy ones in their place, and its number of looks.
     pub rings: Option<Rings>,
     pub ring_looks: f64,
     pub resonance: Option<(f32, f32)>,
@@ -74,7 +74,8 @@ impl EpisodeDraft {
             self.rings = Some(Rings {
                 frequency_hz: mean(of.frequency_hz, ring.frequency_hz),
                 damping_per_s: mean(of.damping_per_s, ring.damping_per_s),
-                ..ring
+                healthy_frequency_hz: mean(of.healthy_frequency_hz, ring.healthy_frequency_hz),
+                healthy_damping_per_s: mean(of.healthy_damping_per_s, ring.healthy_damping_per_s),
             });
         }
 

@@ -122,6 +122,7 @@ impl IsolatedSignal {
     }
 }
 
+/// A faulty ring, and that of its channel while it is healthy, at the same temperature: its own, where that is known.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Rings {
     pub frequency_hz: f64,
