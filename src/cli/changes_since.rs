@@ -21,7 +21,7 @@ use inkling_io::journal::Entry;
 use inkling_io::{printable, regular_file, result_file};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -307,7 +307,8 @@ impl<'a> ChangesSince<'a> {
         let line = |of: &&HeadChange| {
             format!("{}: {}", printable(&of.printhead), printable::line(&of.what, 600))
         };
-        list(out, "printheads", self.heads.iter().map(line))?;
+        let heads: BTreeSet<&str> = self.heads.iter().map(|of| &*of.printhead).collect();
+        list_of(out, "printheads", heads.len(), self.heads.iter().map(line))?;
         list(out, "notes", self.notes.iter().map(|note| printable::line(note, 600)))?;
         for (_, kind, faults) in &self.changes.kinds {
             let line = |fault: &&Fault| {

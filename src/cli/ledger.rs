@@ -135,7 +135,10 @@ impl Ledger<'_> {
         }
         if !job.teaches {
             let why = if job.source.misdated { MISDATED } else { NO_PLACE };
-            judged.entry.always.push(told(why.into()));
+            // of what was not judged other sentences say why it taught nothing
+            if judged.entry.counts["judged"] != 0 {
+                judged.entry.always.push(told(why.into()));
+            }
             let now = Link { before: file.digest(), after: file.digest() };
             judged.entry.baseline = Some(job.link.clone().unwrap_or(now));
             return Ok(None);

@@ -339,13 +339,14 @@ mod tests {
             };
             assert!(distance(&deviation).is_some_and(|d| d < 1e-6));
             assert_eq!(distance(&turned), None);
-            let features = judge.features(deviation.as_slice(), 1.0, true, &mut work).unwrap();
+            let features =
+                judge.features(deviation.as_slice(), (1.0, 0.0), true, &mut work).unwrap();
             assert!(off(features + judge.healthy_mean().unwrap()) <= second + 1e-6);
             // if also all that is beside the ring is upside down, the wiring is
             // inverted: the same ring, half a turn on
             let expected = DVector::from_column_slice(&judge.model.expected);
             let inverted = &deviation * -1.0 - expected * 2.0;
-            let found = judge.features(inverted.as_slice(), 1.0, true, &mut work).unwrap();
+            let found = judge.features(inverted.as_slice(), (1.0, 0.0), true, &mut work).unwrap();
             let half_a_turn = Vector4::new(0.0, 0.0, 0.0, std::f64::consts::PI);
             assert!((found - features - half_a_turn).amax() < 1e-9, "{found} {features}");
         }
@@ -358,7 +359,8 @@ mod tests {
         let expected = DVector::from_column_slice(&judge.model.expected);
         for gain in [0.3, 0.5, 2.0, 4.0, 10.0] {
             let deviation = &expected * (gain - 1.0);
-            let found = judge.features(deviation.as_slice(), 1.0, true, &mut Workspace::default());
+            let found =
+                judge.features(deviation.as_slice(), (1.0, 0.0), true, &mut Workspace::default());
             let found = found.expect("a ring") + judge.healthy_mean().unwrap();
             assert!((found[0] - f64::ln(gain)).abs() < 0.02, "{gain}: {found}");
         }
@@ -375,7 +377,7 @@ mod tests {
                 judge.model.noise * z - expected
             };
             let deviation: Vec<f64> = judge.model.expected.iter().map(of).collect();
-            let found = judge.features(&deviation, 1.0, true, &mut Workspace::default());
+            let found = judge.features(&deviation, (1.0, 0.0), true, &mut Workspace::default());
             assert_eq!(found, None);
         }
     }
@@ -411,7 +413,7 @@ mod tests {
             let each = (square / moved.len() as f64).sqrt();
             let beside = |i: usize, y: &f64| if i.is_multiple_of(2) { y + each } else { y - each };
             let deviation: Vec<f64> = moved.iter().enumerate().map(|(i, y)| beside(i, y)).collect();
-            judge.features(&deviation, 1.0, true, &mut Workspace::default())
+            judge.features(&deviation, (1.0, 0.0), true, &mut Workspace::default())
         };
         let (settled, healthy) = (misfit.settled_square(), misfit.healthy_square());
         assert!(healthy > 1.2 * settled, "{settled} {healthy}");

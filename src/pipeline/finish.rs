@@ -46,14 +46,14 @@ impl Run<'_> {
         let (odd_times, wrong_times) = clock_words::told(results.clocks);
 
         // 2. warnings by printhead
-        let mut warnings = results.temperatures.warnings();
-        warnings.extend(judges.wide_thresholds(false));
+        let mut warnings: Vec<_> = judges.wide_thresholds(false).collect();
         let identify = &replay.settings.identify;
         let changes = moved.iter().flat_map(|of| {
             let told = of.warnings(identify).into_iter();
             told.map(|what| (of.printhead.clone(), what))
         });
-        let head_changes: Vec<(Arc<str>, String)> = changes.collect();
+        let temperatures = results.temperatures.warnings().into_iter();
+        let head_changes: Vec<(Arc<str>, String)> = temperatures.chain(changes).collect();
         warnings.extend(head_changes.iter().cloned());
 
         // 3. damage, and what makes the recording fail

@@ -241,7 +241,7 @@ impl Head {
         let mut room = *room;
         let (mut looks, mut no_rings, mut repeated) = (Vec::new(), 0, 0);
         for burst in sweep.bursts() {
-            let drive = judge.drive(burst);
+            let (drive, warmer) = (judge.drive(burst), judge.warmer(burst));
             for channel in channels(burst) {
                 if !self.channels.holds(channel, self.sweeps) {
                     continue;
@@ -252,7 +252,7 @@ impl Head {
                     repeated += 1;
                     continue;
                 }
-                let local = judge.features(deviation, drive, far, work);
+                let local = judge.features(deviation, (drive, warmer), far, work);
                 let Some(local) = local.filter(|of| of.iter().all(|v| v.is_finite())) else {
                     no_rings += 1;
                     continue;

@@ -141,7 +141,7 @@ impl<'a> Changes<'a> {
                 Some(_) => "ended within the earlier recordings",
                 None if !was_known => "new",
                 // cured, and began again after the end of the earlier recordings
-                None if story.last_began_at_ns > known_to_ns => "back",
+                None if story.cures > 0 && story.last_began_at_ns > known_to_ns => "back",
                 None if is_other(story) => "changed",
                 None if goes(Direction::Worse) => "worse",
                 None if goes(Direction::Better) => "better",

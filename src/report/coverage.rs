@@ -294,14 +294,16 @@ fn not_measured(survey: &Survey, sources: &[Source]) -> Vec<Gap> {
             );
             return Gap::of_head(head, what, recording, sources);
         }
+        // channels of which nothing was ever judged are told elsewhere
+        let judged = || head.channels.iter().filter(|of| of.judged > 0);
         let silent = |of: &&ChannelCount| !of.is_measured(from_ns, &head.tallies);
-        let what = match head.channels.iter().filter(silent).count() {
+        let what = match judged().filter(silent).count() {
             0 => return None,
             _ if tally.span?.1 < from_ns => {
                 format!("{name} was not heard in the last night: this was its last recording")
             }
             n => {
-                let of = counted(head.channels.len() as u64, "channel");
+                let of = counted(judged().count() as u64, "channel");
                 format!("{n} of {of} of {name} fell silent, or were not heard in the last night")
             }
         };

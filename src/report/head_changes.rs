@@ -24,15 +24,34 @@ pub struct HeadChange {
     pub is_of_last_night: bool,
 }
 
-/// From when to when, ns, all channels of a printhead lay together beyond the bounds, in each recording that says so. A
-/// fault that ends there may not be over: the other channels may have got it, too.
-pub fn moved_ns(head: &survey::Head, sources: &[Source]) -> Vec<[i64; 2]> {
-    let of_recording = |(recording, tally): (&usize, &Tally)| {
-        let moved = sources[*recording].document["moved_together"].as_array()?;
-        let of_head = moved.iter().find(|of| of["printhead"].as_str() == Some(&*head.name))?;
-        Some([of_head["beyond_since_ns"].as_i64()?, tally.span?.1])
-    };
-    head.tallies.iter().filter_map(of_recording).collect()
+/// How a printhead moved as a whole, as its recordings say.
+pub struct Movements {
+    /// From when to when, ns, all of its channels lay together beyond the bounds. A fault that ends there may not be over:
+    /// the other channels may have got it, too.
+    pub together_ns: Vec<[i64; 2]>,
+    /// When another printhead of that name was met, ns: what its channels had before are no faults of those that are there
+    /// now.
+    pub swapped_ns: Vec<i64>,
+}
+
+impl Movements {
+    pub fn of(head: &survey::Head, sources: &[Source]) -> Movements {
+        let said = |recording: &usize, key| of_movement(head, &sources[*recording], key);
+        let together = |(recording, tally): (&usize, &Tally)| {
+            Some([said(recording, "beyond_since_ns")?, tally.span?.1])
+        };
+        let swapped = |recording: &usize| said(recording, "swapped_ns");
+        Movements {
+            together_ns: head.tallies.iter().filter_map(together).collect(),
+            swapped_ns: head.tallies.keys().filter_map(swapped).collect(),
+        }
+    }
+}
+
+/// A number of what a recording's summary says of how a printhead moved.
+fn of_movement(head: &survey::Head, source: &Source, key: &str) -> Option<i64> {
+    let moved = source.document["moved_together"].as_array()?;
+    moved.iter().find(|of| of["printhead"].as_str() == Some(&*head.name))?[key].as_i64()
 }
 
 /// The changes in all recordings. `lines`: of the recordings, in the order of time.

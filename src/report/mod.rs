@@ -160,9 +160,9 @@ impl Report {
         // The stories of each channel, linked with the rates of all channels.
         let rates = rates(&survey, &false_alarms);
         let faults = |head: &survey::Head| {
-            let moved_ns = head_changes::moved_ns(head, sources);
+            let moved = head_changes::Movements::of(head, sources);
             let stories =
-                head.watches.iter().map(|of| stories(head, of, &moved_ns, &rates, acknowledged));
+                head.watches.iter().map(|of| stories(head, of, &moved, &rates, acknowledged));
             stories.flat_map(|of| Fault::of_channel(of, &settings)).collect::<Vec<_>>()
         };
         let mut faults: Vec<Fault> = survey.heads.iter().flat_map(faults).collect();
@@ -207,11 +207,12 @@ impl Report {
     }
 }
 
-/// The stories of a channel: of what it was before each time at which it was replaced, and of what it is now.
+/// The stories of a channel: of what it was before each time at which it, or its printhead, was replaced, and of what it is
+/// now.
 fn stories(
     head: &survey::Head,
     watch: &Watch,
-    moved_ns: &[[i64; 2]],
+    moved: &head_changes::Movements,
     rates: &Rates,
     acknowledged: &Acknowledged,
 ) -> Vec<Story> {
@@ -222,7 +223,10 @@ fn stories(
     let first = &watch.spells[0].episode;
     let heard_ns = head.latest().and_then(|(_, of)| of.span).map_or(i64::MIN, |(_, to_ns)| to_ns);
     let (mut all, mut rest) = (Vec::new(), Some(watch.clone()));
-    for at_ns in acknowledged.replaced_ns(&first.printhead, first.channel, heard_ns) {
+    let mut others_ns = acknowledged.replaced_ns(&first.printhead, first.channel, heard_ns);
+    others_ns.extend(&moved.swapped_ns);
+    others_ns.sort_unstable();
+    for at_ns in others_ns {
         let Some(watch) = rest.take() else { break };
         let [before, after] = watch.divided(at_ns, ends_ns);
         let gone = before.iter().flat_map(|watch| story::stories(watch, rates));
@@ -233,7 +237,7 @@ fn stories(
     for story in &mut all {
         story.known = acknowledged.knows(story).map(str::to_owned);
         story.ended_with_all = story.ended_at_ns.is_some_and(|end_ns| {
-            moved_ns.iter().any(|[from_ns, to_ns]| {
+            moved.together_ns.iter().any(|[from_ns, to_ns]| {
                 story.began_at_ns < *from_ns && (*from_ns..=*to_ns).contains(&end_ns)
             })
         });

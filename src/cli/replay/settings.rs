@@ -9,8 +9,12 @@
 //! replaces all others.
 
 use super::args::Args;
+use crate::cli::account::RUN_NAME;
+use crate::cli::acknowledge::ACKNOWLEDGED_NAME;
 use crate::cli::effect::{self, Command};
 use crate::cli::exit::Failure;
+use crate::cli::night::{NIGHT_NAME, PAGE_NAME};
+use crate::cli::report_page::ACCOUNT_NAME;
 use crate::pipeline::Replay;
 use crate::pipeline::resume::means_of;
 use crate::settings::{IdentifyMode, Preset, Settings, keys};
@@ -19,7 +23,7 @@ use inkling_core::design::Design;
 use inkling_core::detect::ThresholdMethod;
 use inkling_core::isolate::IsolateMethod;
 use inkling_io::baseline_file::BaselineFile;
-use inkling_io::journal::Means;
+use inkling_io::journal::{JOURNAL_NAME, Means};
 use inkling_io::{design_file, digest, labels_file};
 use std::path::Path;
 
@@ -180,6 +184,14 @@ pub fn load(
     // a baseline file of another design, or one that is not there yet, gives empty baselines
     let (baseline_file, baselines) = match settings.input.baseline.as_str() {
         "" => (None, None),
+        path if Path::new(path)
+            .file_name()
+            .is_some_and(|name| OF_RUNS.iter().any(|of| name == *of)) =>
+        {
+            return Err(Failure::usage(format!(
+                "input.baseline = {path:?}: runs write a file of that name themselves; give the state another one"
+            )));
+        }
         path => BaselineFile::read(Path::new(path), design_digest.as_deref())
             .map(|(file, baselines)| (Some(file), Some(baselines)))?,
     };
@@ -188,6 +200,10 @@ pub fn load(
     let means = means_of(&replay, labels_digest);
     Ok((replay, baseline_file, means))
 }
+
+/// What runs write beside the results, and no state.
+const OF_RUNS: [&str; 6] =
+    [RUN_NAME, ACCOUNT_NAME, NIGHT_NAME, PAGE_NAME, ACKNOWLEDGED_NAME, JOURNAL_NAME];
 
 /// Checks that the settings fit the design and its classes. What cannot take effect is refused,
 /// since whoever set it expects an effect.

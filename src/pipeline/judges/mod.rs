@@ -183,8 +183,12 @@ impl<'a> Judges<'a> {
         let design = self.replay.design.as_ref()?;
         let (period_s, samples) = self.sampled_otherwise.get(printhead)?;
         let us = |period_s: f64| format!("{} µs", (period_s * 1e12).round() / 1e6);
+        // whoever writes ns for µs, or kHz for Hz, is off by a power of a thousand
+        let thousands = (period_s / design.sample_period_s).log10() / 3.0;
+        let is_unit = thousands.round() != 0.0 && (thousands - thousands.round()).abs() < 1e-6;
+        let unit = if is_unit { " (of another unit? look at `rate_hz` or `period_s`)" } else { "" };
         Some(format!(
-            "sampled every {} with {samples} samples a signal, the design's every {} with {}",
+            "sampled every {}{unit} with {samples} samples a signal, the design's every {} with {}",
             us(*period_s),
             us(design.sample_period_s),
             design.samples

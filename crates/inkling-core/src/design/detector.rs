@@ -48,6 +48,9 @@ pub struct SensitivityDetector {
     pub(super) rings: Rings,
     /// The expected signal at the reference drive and temperature, N, counts.
     expected: Vec<f64>,
+    /// What a kelvin does to it, N, counts, and to the features of its ring; empty and 0: not known.
+    response: Vec<f64>,
+    per_k: Vector4<f64>,
     estimator: FeatureEstimator,
 }
 
@@ -105,8 +108,10 @@ impl SensitivityDetector {
             gram,
             settled: misfit.map_or(f64::INFINITY, Misfit::settled_square),
             ring_only: misfit.map_or(f64::INFINITY, Misfit::healthy_square),
-            rings,
             expected: model.expected.clone(),
+            response: model.temperature_response.clone().unwrap_or_default(),
+            per_k: model.features_per_k(&rings.fitter),
+            rings,
             estimator,
         })
     }
@@ -224,12 +229,13 @@ impl SensitivityDetector {
         FirstLook { features, distance, unexplained, metric, beside }
     }
 
-    /// A signal's four features, from which printheads and channels are followed. `far`: whether a
-    /// fit may be made. `None`: it holds more than a ring; or only a fit would tell its features.
+    /// A signal's four features, from which printheads and channels are followed. `warmer`: K above the model's
+    /// temperature; `far`: whether a fit may be made. `None`: it holds more than a ring; or only a fit would tell its
+    /// features.
     pub(super) fn features_of_ring(
         &self,
         deviation: &[f64],
-        drive: f64,
+        (drive, warmer): (f64, f64),
         far: bool,
         signal: &mut Vec<f64>,
     ) -> Option<Vector4<f64>> {
@@ -248,13 +254,17 @@ impl SensitivityDetector {
 
         // A lower bound on the fit's misfit than the second test's would lose printheads of warmer
         // ink, since what healthy signals hold beside their ring changes with the ink, too.
+        // The signal at its own temperature: corrected, a signal in which nothing rings would hold what is taken off.
         self.at_reference(deviation, drive, signal);
+        signal.iter_mut().zip(&self.response).for_each(|(y, slope)| *y += warmer * slope);
         // A ring that is upside down (swapped wires) is half a turn away, which no search from the
         // healthy ring reaches. So the signal y is inverted, and deviates by -y - drive * expected.
         if dot(signal, &self.expected) < 0.0 {
             let upright = signal.iter().zip(&self.expected).map(|(y, e)| -drive * (y + e));
-            let upright: Vec<f64> = upright.collect();
-            let features = self.features_of_ring(&upright, drive, far, signal)?;
+            let mut upright: Vec<f64> = upright.collect();
+            let warmth = self.response.iter().map(|slope| drive * warmer * slope);
+            upright.iter_mut().zip(warmth).for_each(|(y, warmth)| *y -= warmth);
+            let features = self.features_of_ring(&upright, (drive, warmer), far, signal)?;
             return Some(features + Vector4::new(0.0, 0.0, 0.0, std::f64::consts::PI));
         }
 
@@ -264,7 +274,8 @@ impl SensitivityDetector {
         let is_ring_only = self.unexplained(signal, &fit, drive) <= self.ring_only * louder.powi(2);
         // where a cable is out, noise alone leaves little, too: it says nothing of where the channel lies
         let noise = self.sensitivity.noise_of_one_sample() / drive;
-        (is_ring_only && is_ring(&fit, noise)).then(|| fit.features.coordinates())
+        let features = || fit.features.coordinates() - warmer * self.per_k;
+        (is_ring_only && is_ring(&fit, noise)).then(features)
     }
 
     /// Standard deviations of healthy signals' four features, noise included.

@@ -149,17 +149,18 @@ impl Judge {
         Some(Change::new(ln_amplitude, ln_damping, ln_frequency, 0.0))
     }
 
-    /// Features of a signal relative to the healthy mean. `far`: whether a fit may be made. `None`:
-    /// no sensitivities, the signal holds more than a ring, or only a fit would tell.
+    /// Features of a signal relative to the healthy mean. `warmer`: K above the model's temperature; `far`: whether a fit
+    /// may be made. `None`: no sensitivities, the signal holds more than a ring, or only a fit would tell.
     pub fn features(
         &self,
         deviation: &[f64],
-        drive: f64,
+        (drive, warmer): (f64, f64),
         far: bool,
         work: &mut Workspace,
     ) -> Option<Change> {
         let detector = self.detector.as_ref()?;
-        let features = detector.features_of_ring(deviation, drive, far, &mut work.residual)?;
+        let features =
+            detector.features_of_ring(deviation, (drive, warmer), far, &mut work.residual)?;
         Some(features - self.healthy_mean()?)
     }
 }

@@ -27,7 +27,7 @@ use crate::isolate::stacking::Examples;
 use crate::numbers::LITTLE;
 use nalgebra::Matrix4;
 use std::borrow::Cow;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::{Arc, OnceLock};
 
 impl Design {
@@ -55,6 +55,7 @@ impl Design {
         let (mut design, mut warnings) = Design::of_healthy(set, settings)?;
 
         design.classes = learn_classes(&design, set, isolate, settings, &mut warnings);
+        warnings.extend(set.faulty.iter().filter_map(of_one_channel));
         if isolate.method == IsolateMethod::Posterior {
             design.physics = cold_start::physics(&design, set, grey_box, isolate)?;
             warnings.extend(cold_start::unsized_classes(&design));
@@ -167,6 +168,17 @@ pub(super) fn learn_classes(
         class
     };
     set.faulty.iter().map(learn).collect()
+}
+
+/// Held-out signals of a class are then of the very channel that it was learned from.
+fn of_one_channel((class, sets): (&String, &BTreeMap<String, SignalSet>)) -> Option<String> {
+    let channels = sets.iter().flat_map(|(name, set)| set.channel.iter().map(move |of| (name, of)));
+    let channels: BTreeSet<_> = channels.collect();
+    (channels.len() == 1).then(|| {
+        format!(
+            "class {class}: all of its signals are of one channel, so that what is the fault's and what is the channel's              cannot be told apart; label it on others, too"
+        )
+    })
 }
 
 fn temperature_unknown(pooled: &HealthyModel) -> Option<String> {

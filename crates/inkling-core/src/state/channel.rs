@@ -218,13 +218,14 @@ impl Channel {
     /// * A healthy channel beyond a bound becomes faulty, at its present level. Its healthy level is
     ///   then what it was long ago if it has drifted from there, or unknown.
     /// * A faulty channel becomes healthy, at its present level, where it has moved no further than
-    ///   the others of its ageing head (`is_alike`), or is within the bounds and knows no level.
-    pub fn watch(&mut self, squares: [f64; RUNGS + 1], is_alike: bool) {
+    ///   the others of its ageing head (`is_alike`), or is within the bounds and knows no level. The covariance of few
+    ///   channels says of nothing that it is rare, so it has to lie among the others by that itself, too (`is_among`).
+    pub fn watch(&mut self, squares: [f64; RUNGS + 1], (is_alike, is_among): (bool, bool)) {
         let drifted = squares[..RUNGS].iter().copied().fold(0.0, f64::max) / DRIFTED;
         let off = drifted.max(squares[RUNGS] / ODD_ONE);
         if self.stays_faulty() {
             let has_aged = is_alike && self.faulty_days >= 1.0;
-            if has_aged || !self.knows_level() && off < 1.0 {
+            if has_aged || !self.knows_level() && off < 1.0 && is_among {
                 // it begins anew: its present level is healthy, and it has no past
                 *self = Channel {
                     today: self.faulty,

@@ -256,10 +256,12 @@ impl Head {
     }
 
     /// The level that explains a sweep after a pause. Where the channels agree on none, they are taken
-    /// to lie two, four or eight times as far apart as before, whichever is likeliest.
+    /// to lie two, four or eight times as far apart as before, whichever is likeliest. Signals that are no rings say
+    /// nothing of how far those lie apart that ring.
     fn find_aged(&mut self, looks: &[Look], no_rings: usize) -> Option<Explained> {
         let mut best = self.find(looks, no_rings, true)?;
-        if best.alike >= process::MAJORITY {
+        let rings = looks.len() as f64 / (looks.len() + no_rings) as f64;
+        if best.alike >= process::MAJORITY * rings {
             return Some(best);
         }
         let (before, mut wider) = (self.wider, self.wider);
@@ -380,7 +382,7 @@ impl Head {
                 |rung: usize| moved[rung].is_none_or(|of| apart[rung].holds(&of, times(rung)));
             let squares = std::array::from_fn(square);
             let is_alike = all_age && (0..RUNGS).all(is_within);
-            channel.watch(squares, is_alike);
+            channel.watch(squares, (is_alike, is_within(RUNGS)));
         }
     }
 

@@ -453,3 +453,38 @@ fn replaced_channels_are_told_and_no_others() {
     }
     assert!(told >= 20 && others == 0, "{told} of 40 replaced channels, {others} others");
 }
+
+/// Where half of the channels are dead, those that ring lie as far from each other as before.
+#[test]
+fn signals_that_are_no_rings_do_not_widen_what_channels_differ_by() {
+    for seed in 0..10 {
+        let mut world = World::new(seed, 16);
+        world.run(20);
+        world.t_ns += DAY;
+        for _ in 0..20 {
+            world.t_ns += SECOND;
+            let own: Vec<Features> = world.own[..8].to_vec();
+            let looks = looks(own.into_iter().map(|at| at + world.drawn()));
+            world.head.sweep(world.t_ns, &looks, 8);
+        }
+        assert!(world.head.wider() < 1.5, "seed {seed}: {}", world.head.wider());
+    }
+}
+
+/// Nine channels do not say how far channels lie apart; one of them that is faulty from the first night on stays so.
+#[test]
+fn a_fault_of_the_first_night_stays_one_in_a_head_of_few_channels() {
+    for channels in [6, 8, 9, 12] {
+        for (seed, noises) in [(0, 15.0), (1, 40.0), (2, 200.0)] {
+            let mut world = World::new(seed, channels);
+            let fault = Vector4::new(0.2 * NOISE[0], NOISE[1], NOISE[2], 0.0) * noises;
+            for _ in 0..8 {
+                (0..20).for_each(|_| {
+                    world.sweep(Vector4::zeros(), |k| if k == 3 { fault } else { none(k) });
+                });
+                world.t_ns += DAY;
+            }
+            assert_eq!(world.faulty(), [3], "{channels} channels, {noises} standard deviations");
+        }
+    }
+}

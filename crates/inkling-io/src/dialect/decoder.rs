@@ -76,9 +76,12 @@ impl DialectDecoder {
         head.t_acq_ns = match &dialect.time {
             TimeSource::LogTime => times.log_ns,
             TimeSource::PublishTime => times.publish_ns,
-            TimeSource::Path(path) => {
-                found.time_ns(path, times.log_ns).ok_or_else(|| found.wrong(path, "is no time"))?
-            }
+            TimeSource::Path(path) => found.time_ns(path, times.log_ns).ok_or_else(|| {
+                found.wrong(
+                    path,
+                    "is no time: a number, or a text with its zone such as 2025-01-01T08:00:00Z",
+                )
+            })?,
         };
 
         let channels = found.count(&dialect.channels)?;
