@@ -7,6 +7,7 @@
 use crate::report::clock;
 use crate::settings::IdentifySettings;
 use inkling_core::state::{Features, Head, OtherChannel};
+use inkling_lab::critique::digits::significant;
 use serde::Serialize;
 use std::sync::Arc;
 
@@ -139,12 +140,12 @@ impl HeadMovement {
         });
         let strange = self.strange_since_ns.zip(self.strange_at).map(|(since_ns, level)| {
             format!(
-                "from {} on most channels ring as this printhead never did: {:.2} times as large, damping \
+                "from {} on most channels ring as this printhead never did: {} times as large, damping \
                  {:+.0} %, resonance {:+.1} %, phase {:+.0}°; those signals are rejected (head_changed). Look at \
                  wiring, gain and clock; for another printhead of that name train a design, or give another \
                  --baseline file",
                 at(since_ns),
-                level[0].exp(),
+                significant(level[0].exp(), 2),
                 100.0 * level[1].exp_m1(),
                 100.0 * level[2].exp_m1(),
                 level[3].to_degrees(),

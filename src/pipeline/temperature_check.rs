@@ -35,6 +35,13 @@ struct TemperatureRange {
     farthest: f64,
 }
 
+impl TemperatureRange {
+    fn in_words(&self) -> String {
+        let [least, most] = [self.least, self.most].map(|t| significant(t, 3));
+        if least == most { least } else { format!("{least} to {most}") }
+    }
+}
+
 impl TemperatureCheck {
     pub fn take(&mut self, judge: &Judge, burst: &Burst) {
         let Some(t) = burst.temperature_c.filter(|t| t.is_finite()) else { return };
@@ -64,10 +71,9 @@ impl TemperatureCheck {
     pub fn warnings(&self) -> Vec<(Arc<str>, String)> {
         let says = |range: &TemperatureRange| {
             format!(
-                "judged at {} to {} °C by models that do not know what temperature does, and its channels could \
-                 not be followed: expect false alarms",
-                significant(range.least, 3),
-                significant(range.most, 3)
+                "judged at {} °C by models that do not know what temperature does, and its channels could not be \
+                 followed: expect false alarms",
+                range.in_words()
             )
         };
         let matters = |range: &TemperatureRange| {
@@ -75,10 +81,9 @@ impl TemperatureCheck {
         };
         let not_believed = |range: &TemperatureRange| {
             format!(
-                "temperatures of {} to {} °C were recorded, up to {} K from its model's: they count as not recorded; \
-                 look at the sensor, and at the unit",
-                significant(range.least, 3),
-                significant(range.most, 3),
+                "temperatures of {} °C were recorded, up to {} K from its model's: they count as not recorded; look at \
+                 the sensor, and at the unit",
+                range.in_words(),
                 significant(range.farthest, 3)
             )
         };

@@ -120,11 +120,11 @@ impl ChannelCount {
 
     /// Whether the channel is flagged again and again, but in no recording often enough for an episode.
     pub fn is_doubtful(&self) -> bool {
-        // most of all its signals, or all of at least two in the latest recording
-        let often = self.flagged >= AGAIN && 2 * self.flagged > self.judged;
-        let now = self.last.as_ref().is_some_and(|(_, last)| {
-            last.bursts.flagged >= 2 && last.bursts.flagged == last.bursts.judged
-        });
+        // most of all its signals and of those in the latest recording, or all of at least two there
+        let last = self.last.as_ref().map(|(_, last)| &last.bursts);
+        let most_now = last.is_none_or(|last| 2 * last.flagged > last.judged);
+        let often = self.flagged >= AGAIN && 2 * self.flagged > self.judged && most_now;
+        let now = last.is_some_and(|last| last.flagged >= 2 && last.flagged == last.judged);
         !self.is_watched() && (often || now)
     }
 

@@ -176,7 +176,8 @@ fn of_one_channel((class, sets): (&String, &BTreeMap<String, SignalSet>)) -> Opt
     let channels: BTreeSet<_> = channels.collect();
     (channels.len() == 1).then(|| {
         format!(
-            "class {class}: all of its signals are of one channel, so that what is the fault's and what is the channel's              cannot be told apart; label it on others, too"
+            "class {class}: all of its signals are of one channel, so that what is the fault's and what is the channel's \
+             cannot be told apart; label it on others, too"
         )
     })
 }
