@@ -145,7 +145,7 @@ impl HeadMovement {
                  wiring, gain and clock; for another printhead of that name train a design, or give another \
                  --baseline file",
                 at(since_ns),
-                significant(level[0].exp(), 2),
+                significant(level[0].exp(), 3),
                 100.0 * level[1].exp_m1(),
                 100.0 * level[2].exp_m1(),
                 level[3].to_degrees(),
