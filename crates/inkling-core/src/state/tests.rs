@@ -454,23 +454,6 @@ fn replaced_channels_are_told_and_no_others() {
     assert!(told >= 20 && others == 0, "{told} of 40 replaced channels, {others} others");
 }
 
-/// Where half of the channels are dead, those that ring lie as far from each other as before.
-#[test]
-fn signals_that_are_no_rings_do_not_widen_what_channels_differ_by() {
-    for seed in 0..10 {
-        let mut world = World::new(seed, 16);
-        world.run(20);
-        world.t_ns += DAY;
-        for _ in 0..20 {
-            world.t_ns += SECOND;
-            let own: Vec<Features> = world.own[..8].to_vec();
-            let looks = looks(own.into_iter().map(|at| at + world.drawn()));
-            world.head.sweep(world.t_ns, &looks, 8);
-        }
-        assert!(world.head.wider() < 1.5, "seed {seed}: {}", world.head.wider());
-    }
-}
-
 /// Nine channels do not say how far channels lie apart; one of them that is faulty from the first night on stays so.
 #[test]
 fn a_fault_of_the_first_night_stays_one_in_a_head_of_few_channels() {
