@@ -256,12 +256,10 @@ impl Head {
     }
 
     /// The level that explains a sweep after a pause. Where the channels agree on none, they are taken
-    /// to lie two, four or eight times as far apart as before, whichever is likeliest. Signals that are no rings say
-    /// nothing of how far those lie apart that ring.
+    /// to lie two, four or eight times as far apart as before, whichever is likeliest.
     fn find_aged(&mut self, looks: &[Look], no_rings: usize) -> Option<Explained> {
         let mut best = self.find(looks, no_rings, true)?;
-        let rings = looks.len() as f64 / (looks.len() + no_rings) as f64;
-        if best.alike >= process::MAJORITY * rings {
+        if best.alike >= process::MAJORITY {
             return Some(best);
         }
         let (before, mut wider) = (self.wider, self.wider);
