@@ -26,13 +26,14 @@ use super::account::End;
 use super::exit::{Failure, no_room};
 use super::judge::Judged;
 use crate::pipeline::resume;
+use crate::report::clock;
 use inkling_io::baseline_file::{BaselineFile, Prepared};
 use inkling_io::file_error::FileError;
 use inkling_io::job::Job;
 use inkling_io::journal::{
     self, CountedMessage, Entry, JournalWriter, Link, Means, Outcome, Source,
 };
-use inkling_io::{annotation_writer, stored};
+use inkling_io::{annotation_writer, printable, stored};
 use std::error::Error;
 use std::path::{Path, PathBuf};
 
@@ -47,12 +48,13 @@ pub struct Ledger<'a> {
     pub begun_anew: Option<String>,
     /// The recording that failed in its turn, or could not be read when the run was planned, because of which the state learns no more in this run.
     pub waits_for: Option<String>,
+    /// The latest recording that the state has learned from before this run, and when it begins, ns since 1970.
+    pub latest: Option<(String, i64)>,
 }
 
 /// What is told of recordings that the state does not learn from.
-const NO_PLACE: &str = "it was judged by the state of --baseline as that is now, and taught it nothing: the state \
-    has learned from it, or from later recordings, before. Remove the file of the state to have all judged again in \
-    their order";
+const NO_PLACE: &str = "it was judged by the state of --baseline as that is now, and taught it nothing: the state has learned from";
+const IN_ORDER: &str = "Remove the file of the state to have all judged again in their order";
 
 const MISDATED: &str = "most of its bursts cannot have been acquired when they say: it was judged by the state \
     of --baseline as that is now, and taught it nothing";
@@ -134,10 +136,10 @@ impl Ledger<'_> {
             return Ok(None);
         }
         if !job.teaches {
-            let why = if job.source.misdated { MISDATED } else { NO_PLACE };
+            let why = if job.source.misdated { MISDATED.into() } else { self.no_place(job) };
             // of what was not judged other sentences say why it taught nothing
             if judged.entry.counts["judged"] != 0 {
-                judged.entry.always.push(told(why.into()));
+                judged.entry.always.push(told(why));
             }
             let now = Link { before: file.digest(), after: file.digest() };
             judged.entry.baseline = Some(job.link.clone().unwrap_or(now));
@@ -149,6 +151,20 @@ impl Ledger<'_> {
         judged.entry.baseline = Some(Link { before: file.digest(), after: Some(next.digest()) });
         judged.baselines = Some(learned);
         Ok(Some(next))
+    }
+
+    /// Why a recording has no place in the order of the state. A later one that is dated wrongly takes the place of
+    /// all that follow, so that it is named.
+    fn no_place(&self, job: &Job) -> String {
+        let begin_ns = job.source.starts_at_ns.unwrap_or(i64::MAX);
+        match self.latest.as_ref().filter(|(_, latest_ns)| *latest_ns > begin_ns) {
+            Some((name, latest_ns)) => format!(
+                "{NO_PLACE} {}, which is dated {}. If that is wrong, take it and its results away. {IN_ORDER}",
+                printable::cell(name),
+                clock(*latest_ns)
+            ),
+            None => format!("{NO_PLACE} it, or from later recordings, before. {IN_ORDER}"),
+        }
     }
 
     /// Notes that a finished recording lies under another path, or has another time of change.

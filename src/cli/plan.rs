@@ -107,6 +107,8 @@ pub struct Chained {
     pub jobs: Vec<Job>,
     /// The recording, if any, whose place is not known tonight.
     pub waits_for: Option<String>,
+    /// The latest recording that the baselines have learned from, and when it begins, ns since 1970.
+    pub latest: Option<(String, i64)>,
     /// Whether the baselines begin anew with the first recording that is judged.
     pub is_anew: bool,
 }
@@ -194,10 +196,13 @@ impl Planner<'_> {
                 chained[..last].iter_mut().for_each(|job| job.teaches = false);
             }
         }
+        let has_taught = |job: &&Job| job.link.as_ref().is_some_and(Link::taught);
+        let latest = chained.iter().rfind(has_taught);
+        let latest = latest.and_then(|job| Some((job.label(), job.source.starts_at_ns?)));
         chained.iter_mut().filter(|job| job.source.misdated).for_each(|job| job.teaches = false);
         chained.extend(others);
         let is_anew = matches!(go_on, GoOn::Anew(_));
-        Ok(Chained { jobs: chained, waits_for: unread, is_anew })
+        Ok(Chained { jobs: chained, waits_for: unread, latest, is_anew })
     }
 
     /// When a recording begins, and whether it could not be read although it is there; its printheads are noted

@@ -366,19 +366,31 @@ mod tests {
         }
     }
 
-    /// Where a cable is out, a fit finds a ring in what noise is left; that says nothing of where the channel lies.
+    /// Where a cable is out, a fit finds a ring in what noise is left; that says nothing of where the channel lies. So
+    /// it does at another temperature than the model's, where the correction takes off what no ring has put there.
     #[test]
     fn noise_alone_is_no_ring() {
-        let judge = judge(&design(), None);
+        let mut design = design();
+        let fitter = judge(&design, None).detector().unwrap().fitter().clone();
+        let per_k = Vector4::new(0.0, -0.02, 0.002, 0.0);
+        let response = fitter.tangent(&Features::HEALTHY) * per_k;
+        design.pooled.temperature_response = Some(response.as_slice().to_vec());
+        (design.pooled.damping_per_k, design.pooled.frequency_per_k) = (per_k[1], per_k[2]);
+        let judge = judge(&design, None);
+
         let mut rng = ChaCha8Rng::seed_from_u64(3);
-        for _ in 0..200 {
-            let of = |expected: &f64| {
+        for warmer in [-12.0, 0.0, 12.0].repeat(60) {
+            let expected = DVector::from_column_slice(&judge.model.expected) + &response * warmer;
+            let noise = expected.map(|_| -> f64 {
                 let z: f64 = StandardNormal.sample(&mut rng);
-                judge.model.noise * z - expected
+                judge.model.noise * z
+            });
+            let found = |signal: DVector<f64>| {
+                let deviation = signal - &expected;
+                judge.features(deviation.as_slice(), (1.0, warmer), true, &mut Workspace::default())
             };
-            let deviation: Vec<f64> = judge.model.expected.iter().map(of).collect();
-            let found = judge.features(&deviation, (1.0, 0.0), true, &mut Workspace::default());
-            assert_eq!(found, None);
+            assert_eq!(found(noise.clone()), None, "{warmer} K");
+            assert!(found(noise + &expected).is_some(), "{warmer} K");
         }
     }
 

@@ -161,6 +161,7 @@ pub fn note_not_judged(
         untimely.partition(|told| 2 * told.judged <= told.signals);
     let few: Vec<NotJudged> = few.into_iter().filter(|told| !is_known(told)).collect();
     report.odd_times.extend(few);
+    report.odd_times.extend(twice(report.episodes.counts.signals_repeated, tally.counts.signals));
 
     let mut all: Vec<NotJudged> = Vec::new();
     // the first sentence about a printhead stays: a doubt about its samples explains the rest
@@ -202,6 +203,20 @@ pub fn note_not_judged(
         report.unread.push(no_burst(unusable, &first));
     }
     report.not_judged = all;
+}
+
+/// The sentence about signals that were there already, where they are many.
+fn twice(repeated: u64, signals: u64) -> Option<NotJudged> {
+    let what = format!(
+        "{repeated} of {signals} signals came twice, with the same time, channel and samples: what is counted of signals \
+         counts them twice. Two recorders of one printhead, or a recording that was merged with itself?"
+    );
+    (repeated as f64 > LITTLE * signals as f64).then(|| NotJudged {
+        signals,
+        judged: signals,
+        what,
+        ..NotJudged::default()
+    })
 }
 
 /// The sentence about messages of which none is a burst.

@@ -8,6 +8,7 @@ use crate::recorded::{
 };
 use inkling::burst::{Burst, Format, Layout};
 use std::collections::BTreeSet;
+use std::ops::Range;
 
 const DAY_NS: i64 = 86_400_000_000_000;
 
@@ -35,10 +36,7 @@ fn changed(mut bursts: Vec<Burst>, step: &str) -> Vec<Burst> {
     let words: Vec<&str> = step.split(' ').collect();
     let n = bursts.len();
     let (which, change): (Vec<usize>, &[&str]) = match words[..] {
-        ["at", range, ..] => {
-            let (from, to) = range.split_once("..").expect("a range");
-            ((from.parse().unwrap()..to.parse().unwrap()).collect(), &words[2..])
-        }
+        ["at", range, ..] => (self::range(range).collect(), &words[2..]),
         ["of", head, ..] => {
             ((0..n).filter(|i| &*bursts[*i].printhead == head).collect(), &words[2..])
         }
@@ -79,6 +77,11 @@ fn changed(mut bursts: Vec<Burst>, step: &str) -> Vec<Burst> {
             bursts
         }
     }
+}
+
+fn range(words: &str) -> Range<usize> {
+    let (from, to) = words.split_once("..").expect("a range");
+    from.parse().unwrap()..to.parse().unwrap()
 }
 
 /// A burst that is changed by itself; `first`: the signals of the first one.
@@ -142,7 +145,13 @@ fn other(burst: &Burst, change: &[&str], first: &[Vec<f64>]) -> Burst {
             let frozen: usize = channel.parse().unwrap();
             with_samples(&b, |row, k, y| if row == frozen { first[frozen][k] } else { y })
         }
-        ["deaden", channel] => deadened(&b, channel.parse().unwrap()),
+        ["deaden", channel] => {
+            deadened(&b, channel.parse().map_or_else(|_| range(channel), |k| k..k + 1))
+        }
+        ["mirrored"] => {
+            let (all, last) = (rows(&b), b.channels as usize - 1);
+            with_samples(&b, |row, k, _| all[last - row][k])
+        }
         ["clock", times] => on_another_clock(&b, value(times)),
         ["slower"] => slower(&b),
         ["half_slower"] => {
@@ -213,10 +222,10 @@ fn on_another_clock(burst: &Burst, times: f64) -> Burst {
     })
 }
 
-/// A sensor line that says nothing but a little noise.
-fn deadened(burst: &Burst, dead: usize) -> Burst {
+/// Sensor lines that say nothing but a little noise.
+fn deadened(burst: &Burst, dead: Range<usize>) -> Burst {
     let turn = usize::try_from(burst.t_acq_ns / 1_000_000).unwrap(); // no two bursts have the same noise
-    with_samples(burst, |row, k, y| match row == dead {
+    with_samples(burst, |row, k, y| match dead.contains(&row) {
         true => ((k * k * 31 + k * (17 + turn % 5) + turn) % 7) as f64 - 3.0,
         false => y,
     })

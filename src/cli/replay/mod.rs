@@ -125,7 +125,7 @@ fn checked_and_judged(
         control: &control,
     };
     let jobs = planner.plan(jobs)?;
-    let Chained { jobs, waits_for, is_anew } = match &baseline_file {
+    let Chained { jobs, waits_for, latest, is_anew } = match &baseline_file {
         Some(file) => planner.chain(jobs, &file.digest())?,
         None => Chained { jobs, ..Chained::default() },
     };
@@ -192,6 +192,7 @@ fn checked_and_judged(
             state: baseline_file,
             begun_anew,
             waits_for,
+            latest,
         },
         teller: Teller {
             out: &out,

@@ -34,8 +34,21 @@ struct RingSeen {
     x: Vector2<f64>,
 }
 
-/// A burst: K above the median temperature, and the mean of its rings beside their channels' levels.
-type Point = (f64, Vector2<f64>);
+/// A burst, as a point over its temperature.
+struct Point {
+    /// K above the median temperature; NaN: not recorded.
+    warmer: f64,
+    /// Mean of its rings beside their channels' levels.
+    x: Vector2<f64>,
+    rings: f64,
+}
+
+impl Point {
+    fn add(&mut self, x: Vector2<f64>) {
+        self.rings += 1.0;
+        self.x += (x - self.x) / self.rings;
+    }
+}
 
 /// What a kelvin does to ln damping and ln frequency, and by how much bursts lie off.
 struct Line {
@@ -58,19 +71,19 @@ impl Line {
     /// Through the points with a temperature. Robust: the median over points of the median slope to all others
     /// (Siegel 1982), right while fewer than half of them are off. `None`: fewer than `FEW`.
     fn through(points: &BTreeMap<i64, Point>) -> Option<Line> {
-        let points: Vec<&Point> = points.values().filter(|(w, _)| w.is_finite()).collect();
+        let points: Vec<&Point> = points.values().filter(|of| of.warmer.is_finite()).collect();
         if points.len() < FEW {
             return None;
         }
         let few: Vec<_> = points.iter().step_by(points.len().div_ceil(MOST_POINTS)).collect();
         let slope = |j: usize| {
-            median_of(few.iter().map(|(w, x)| {
-                let others = few.iter().filter(|(v, _)| v != w);
-                median_of(others.map(|(v, y)| (y[j] - x[j]) / (v - w)))
+            median_of(few.iter().map(|here| {
+                let others = few.iter().filter(|of| of.warmer != here.warmer);
+                median_of(others.map(|of| (of.x[j] - here.x[j]) / (of.warmer - here.warmer)))
             }))
         };
         let per_k = Vector2::from_fn(|j, _| slope(j));
-        let off = |j: usize| points.iter().map(move |(w, x)| x[j] - w * per_k[j]);
+        let off = |j: usize| points.iter().map(move |of| of.x[j] - of.warmer * per_k[j]);
         let at_zero = Vector2::from_fn(|j, _| median_of(off(j)));
         let sd = |j: usize, _| robust_sd(&off(j).collect::<Vec<_>>(), at_zero[j]);
         Some(Line { per_k, at_zero, sd: Vector2::from_fn(sd) })
@@ -191,7 +204,7 @@ impl Thermometer {
         let (bursts, line) = self.bursts_and_line();
         let mut told = Told { bursts: bursts.len(), ..Told::default() };
         let mut right = BTreeMap::new();
-        for (t_acq_ns, (warmer, x)) in bursts {
+        for (t_acq_ns, Point { warmer, x, .. }) in bursts {
             let said = line.as_ref().map(|line| line.says(&x));
             let known = said.filter(|said| said.sd < tuned::WRONG_K);
             let is_wrong = known.is_some_and(|said| said.denies(warmer));
@@ -221,15 +234,12 @@ impl Thermometer {
             let levels: BTreeMap<u32, Vector2<f64>> =
                 of_channel.into_iter().map(|(channel, xs)| (channel, middle(xs))).collect();
 
-            let mut sums: BTreeMap<i64, (f64, Vector2<f64>, f64)> = BTreeMap::new();
+            let mut bursts: BTreeMap<i64, Point> = BTreeMap::new();
             for ring in &self.rings {
                 let Some(level) = levels.get(&ring.channel) else { continue };
-                let of = sums.entry(ring.t_acq_ns).or_insert((ring.warmer, Vector2::zeros(), 0.0));
-                of.1 += ring.x - level;
-                of.2 += 1.0;
+                let new = Point { warmer: ring.warmer, x: Vector2::zeros(), rings: 0.0 };
+                bursts.entry(ring.t_acq_ns).or_insert(new).add(ring.x - level);
             }
-            let bursts: BTreeMap<i64, Point> =
-                sums.into_iter().map(|(t, (warmer, sum, n))| (t, (warmer, sum / n))).collect();
             let line = Line::through(&bursts);
             per_k = line.as_ref().map_or(per_k, |line| line.per_k);
             found = (bursts, line);

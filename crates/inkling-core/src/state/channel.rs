@@ -138,6 +138,15 @@ pub fn wide(spread: &Features) -> Features {
     spread.map(|s2| (square * s2).max(square))
 }
 
+/// What a channel does as the others of its head do.
+#[derive(Clone, Copy, Debug)]
+pub struct AsOthers {
+    /// It moved no further than they did, over any time, while they age.
+    pub moves: bool,
+    /// It lies among them.
+    pub lies: bool,
+}
+
 impl Channel {
     /// The mean over the last days and today, which counts as at most one day beside a past.
     pub fn healthy(&self) -> Sum {
@@ -218,14 +227,14 @@ impl Channel {
     /// * A healthy channel beyond a bound becomes faulty, at its present level. Its healthy level is
     ///   then what it was long ago if it has drifted from there, or unknown.
     /// * A faulty channel becomes healthy, at its present level, where it has moved no further than
-    ///   the others of its ageing head (`is_alike`), or is within the bounds and knows no level. The covariance of few
-    ///   channels says of nothing that it is rare, so it has to lie among the others by that itself, too (`is_among`).
-    pub fn watch(&mut self, squares: [f64; RUNGS + 1], (is_alike, is_among): (bool, bool)) {
+    ///   the others of its ageing head, or is within the bounds and knows no level. The covariance of few
+    ///   channels says of nothing that it is rare, so it has to lie among the others by that itself, too.
+    pub fn watch(&mut self, squares: [f64; RUNGS + 1], as_others: AsOthers) {
         let drifted = squares[..RUNGS].iter().copied().fold(0.0, f64::max) / DRIFTED;
         let off = drifted.max(squares[RUNGS] / ODD_ONE);
         if self.stays_faulty() {
-            let has_aged = is_alike && self.faulty_days >= 1.0;
-            if has_aged || !self.knows_level() && off < 1.0 && is_among {
+            let has_aged = as_others.moves && self.faulty_days >= 1.0;
+            if has_aged || !self.knows_level() && off < 1.0 && as_others.lies {
                 // it begins anew: its present level is healthy, and it has no past
                 *self = Channel {
                     today: self.faulty,

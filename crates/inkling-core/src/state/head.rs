@@ -10,7 +10,7 @@
 //! 4. `watch`: which channels have drifted slowly from their past, or lie apart (`ageing.rs`).
 
 use super::ageing::{Apart, rarely_apart};
-use super::channel::{Channel, FromLevel, RUNGS, Sum};
+use super::channel::{AsOthers, Channel, FromLevel, RUNGS, Sum};
 use super::kind::{Features, Kind, at_least_as_wide};
 use super::level::{Expected, Explained, Member, Move, Variances, alike, explain};
 use super::process::{self, DRIFTED, FEWEST, NOT_THIS_HEAD, ODD_ONE, PAUSE_NS};
@@ -379,8 +379,8 @@ impl Head {
             let is_within =
                 |rung: usize| moved[rung].is_none_or(|of| apart[rung].holds(&of, times(rung)));
             let squares = std::array::from_fn(square);
-            let is_alike = all_age && (0..RUNGS).all(is_within);
-            channel.watch(squares, (is_alike, is_within(RUNGS)));
+            let moves = all_age && (0..RUNGS).all(is_within);
+            channel.watch(squares, AsOthers { moves, lies: is_within(RUNGS) });
         }
     }
 
