@@ -193,6 +193,15 @@ impl Report {
 
     /// The last faults of channels that are healthy again and need no cleaning.
     pub fn over(&self) -> impl Iterator<Item = &Fault> {
+        self.past().filter(|fault| fault.story.replaced_at_ns.is_none())
+    }
+
+    /// Those that went with a channel or printhead that was replaced.
+    pub fn replaced(&self) -> impl Iterator<Item = &Fault> {
+        self.past().filter(|fault| fault.story.replaced_at_ns.is_some())
+    }
+
+    fn past(&self) -> impl Iterator<Item = &Fault> {
         self.faults.iter().filter(|fault| fault.is_latest && !fault.is_open())
     }
 

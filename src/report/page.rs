@@ -33,7 +33,6 @@ const MOST_HEAD_CHANGES: usize = 40;
 /// The whole page.
 pub fn html(report: &Report) -> String {
     let open: Vec<&Fault> = report.open().collect();
-    let over: Vec<&Fault> = report.over().collect();
     let mut body = String::from("<h1>Nozzle report</h1>\n");
     let news: Vec<&Fault> = report.news().collect();
     for text in report.coverage.first().into_iter().chain(in_short(report, &news)) {
@@ -64,10 +63,10 @@ pub fn html(report: &Report) -> String {
         }
         Extent::NothingJudged | Extent::NoFaults => "<p>Nobody knows.</p>\n".into(),
     };
-    if !over.is_empty() {
-        body += "<h2>Over: healthy again, and did not come back</h2>\n";
-        body += &tables::over(report, &over, &drawn);
-    }
+    let over = tables::over(report, report.over().collect(), "healthy since (UTC)", &drawn);
+    body += &section("Over: healthy again, and did not come back", &over);
+    let replaced = tables::over(report, report.replaced().collect(), "replaced (UTC)", &drawn);
+    body += &section("Over: went with what was replaced", &replaced);
     body += &section("Earlier changes of printheads", &head_changes(&before));
     body += &maps;
     let anchored =

@@ -60,11 +60,14 @@ pub fn to_clean(report: &Report, list: &[&Fault], drawn: &LinkTargets) -> String
         + &more(list)
 }
 
-/// The table of the faults that are over.
-pub fn over(report: &Report, list: &[&Fault], drawn: &LinkTargets) -> String {
-    let heads = ["", "channel", "healthy since (UTC)", "what it was", "from (UTC)", "certainty"];
+/// The table of faults that are over; empty if there are none. `ended`: what their end is called.
+pub fn over(report: &Report, list: Vec<&Fault>, ended: &str, drawn: &LinkTargets) -> String {
+    if list.is_empty() {
+        return String::new();
+    }
+    let heads = ["", "channel", ended, "what it was", "from (UTC)", "certainty"];
     let rows = list.iter().take(MOST_FAULTS).map(|fault| row(report, fault, drawn, None));
-    table("list cards", &heads, rows) + &more(list)
+    table("list cards", &heads, rows) + &more(&list)
 }
 
 /// The line below a list that was cut.
