@@ -261,6 +261,15 @@ impl Settings {
         if rails[0] >= rails[1] || rails.iter().any(|v| v.is_nan()) {
             return Err(format!("input.rails = {rails:?}: the lower one first"));
         }
+        let Settings { input, output, .. } = self;
+        let paths = [&input.design, &input.baseline, &self.identify.labels, &output.dir];
+        let of_a_shell = |name: &str| name == "~" || name.starts_with('$');
+        let mut paths = paths.into_iter().chain(&input.recordings);
+        if let Some(path) = paths.find(|path| path.split('/').any(of_a_shell)) {
+            return Err(format!(
+                "{path}: `~` and `$NAME` mean something to a shell alone: write the whole path"
+            ));
+        }
         Dialects::new(&self.input.dialect)?;
         IgnoredTopics::new(&self.input.ignore).map_err(|e| format!("input.ignore: {e}"))?;
 

@@ -75,18 +75,26 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
             "{out}: no directory of results: give that of a replay"
         )));
     }
-    let cells = cells(&args)?;
-    let mut checked = Acknowledged::default();
-    checked.add(cells.each_ref().map(|cell| cell.as_str())).map_err(Failure::usage)?;
+    let mut cells = cells(&args)?;
+    let understood = |cells: &[String; COLUMNS.len()]| {
+        let mut all = Acknowledged::default();
+        let added = all.add(cells.each_ref().map(|cell| cell.as_str()));
+        added.map(|()| all).map_err(Failure::usage)
+    };
+    let mut checked = understood(&cells)?;
+    let journal = Journal::read(&args.out).unwrap_or_default();
+    if journal.recordings().next().is_none() {
+        complain(&format!("warning: {}: no replay has written results here", args.out.display()));
+    } else if args.damage.is_some() {
+        match recordings_called(&checked, &journal)?.as_deref() {
+            Some(path) => cells[1] = path.to_owned(),
+            None => complain("warning: no recording that was judged here is called so"),
+        }
+        checked = understood(&cells)?;
+    }
     append(&args.out.join(ACKNOWLEDGED_NAME), &cells)?;
     let [what, recording, printhead, channel, from, until, _] = &cells;
-    if args.damage.is_some() {
-        let journal = Journal::read(&args.out).unwrap_or_default();
-        let mut recordings = journal.recordings();
-        if !recordings.any(|of| checked.knows_recording(&of.recording.path).is_some()) {
-            complain("warning: no recording that was judged here is called so");
-        }
-    } else if let Some(account) = account(&args.out) {
+    if let Some(account) = account(&args.out).filter(|_| args.damage.is_none()) {
         warn_of_the_unknown(&account, printhead, channel, args.known.is_some());
     }
     // where the clock here is behind that of the recordings, these say what is still to come
@@ -113,6 +121,29 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
         place.display()
     )?;
     Ok(Exit::Done)
+}
+
+/// As much of the path of the recording that is called so as tells it from all others that were judged, and from those
+/// of the same name that come later into another directory. `None`: none is called so; an error if several are.
+fn recordings_called(named: &Acknowledged, journal: &Journal) -> Result<Option<String>, Failure> {
+    let all = || journal.recordings().map(|of| Path::new(&of.recording.path));
+    let is_named = |path: &&Path| named.knows_recording(&path.to_string_lossy()).is_some();
+    let found: Vec<&Path> = all().filter(is_named).collect();
+    match found[..] {
+        [] => Ok(None),
+        [path] => {
+            let ends = path.ancestors().skip(2).filter_map(|above| path.strip_prefix(above).ok());
+            let is_its_own = |end: &&Path| all().filter(|of| of.ends_with(end)).count() == 1;
+            let end = ends.into_iter().find(is_its_own).unwrap_or(path);
+            Ok(Some(end.to_string_lossy().into_owned()))
+        }
+        [first, second, ..] => Err(Failure::usage(format!(
+            "{} recordings are called so, {} and {} among them: give more of the path",
+            found.len(),
+            printable::cell(&first.to_string_lossy()),
+            printable::cell(&second.to_string_lossy())
+        ))),
+    }
 }
 
 /// This moment, ns since 1970; `None` where that cannot be said.

@@ -11,18 +11,19 @@
 
 use super::exit::Failure;
 use super::progress::{Progress, interruptible};
-use crate::pipeline::collect::Collector;
+use crate::pipeline::collect::{Collector, OTHER_SAMPLING};
+use crate::pipeline::recording_report::nobody_reads;
 use crate::pipeline::visit::Pass;
-use crate::pipeline::{Control, PipelineError};
+use crate::pipeline::{Control, PipelineError, ring_look};
 use crate::report::first_of;
 use crate::settings::Settings;
 use inkling_core::design::TrainingSet;
 use inkling_core::labels::{Labels, RecordedSpans};
-use inkling_io::Limits;
 use inkling_io::damage::{Damage, RecordingError};
 use inkling_io::dialect::Dialects;
 use inkling_io::inputs::{self, Input};
 use inkling_io::recording::{OtherChannel, Recording};
+use inkling_io::{Limits, printable};
 use std::collections::BTreeSet;
 use std::sync::Arc;
 
@@ -101,10 +102,28 @@ pub fn collected(
 ) -> Result<Collected, Failure> {
     let recordings = Recordings::find(given, settings)?;
     let mut collector = Collector::new(labels, settings.input.rails);
-    let damaged = recordings.each(|pass| collector.take(pass))?;
+    let ignored = settings.input.ignored();
+    let damaged = recordings.each(|pass| {
+        let damage = collector.take(pass)?;
+        let heads = collector.met.printheads();
+        let unread = pass.recording.unread(&recordings.dialects, &heads).into_iter();
+        for topic in unread.filter(|topic| !ignored.has(&topic.topic)) {
+            let what = nobody_reads(topic).what;
+            recordings.progress.say(&format!("warning: {}: {what}", pass.recording.name));
+        }
+        for (head, what) in ring_look::doubts(pass.recording, true) {
+            let (name, head) = (&pass.recording.name, printable::cell(&head));
+            recordings.progress.say(&format!("warning: {name}: {head}: {what}"));
+        }
+        Ok(damage)
+    })?;
     let met = std::mem::take(&mut collector.met);
+    if let Some(what) = &collector.other_sampling {
+        let more = "those are left out. Train designs of one sampling each";
+        recordings.progress.say(&format!("warning: {}: {more}", printable::line(what, 400)));
+    }
     let set = collector.finish().ok_or_else(|| Failure::new(NO_BURSTS))?;
-    let mut unused = ["rejected", "other_sampling"].iter().any(|k| set.signals.contains_key(*k));
+    let mut unused = ["rejected", OTHER_SAMPLING].iter().any(|k| set.signals.contains_key(*k));
     if let Some(n) = set.signals.get("beyond_the_limit_of_sets") {
         let of = "of more printheads and labels than there is room for";
         recordings.progress.say(&format!("warning: left out: {n} signals {of}"));

@@ -42,7 +42,7 @@ const FILES: [(&str, ResultFile); 5] = [
     (EXTENDED_DESIGN, ResultFile::Design),
     ("evidence.parquet", ResultFile::Companion),
     ("residuals.parquet", ResultFile::Companion),
-    ("report.html", ResultFile::Page),
+    ("report.html", ResultFile::CritiquePage),
 ];
 
 #[derive(Debug, clap::Args)]

@@ -324,7 +324,7 @@ fn count_all(
 fn read_all(files: &[&Path], control: &Control, send: &SyncSender<Read>) {
     for file in files {
         let end = read_one(file, control, send)
-            .map_err(|e| format!("{e}; its rows from there on are not in the report"));
+            .map_err(|e| format!("{e}; its rows from there on are not in the report. Remove that file, and the next replay judges its recording again"));
         if control.interrupted() || send.send(Read::End(end)).is_err() {
             return;
         }

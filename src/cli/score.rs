@@ -83,7 +83,7 @@ const ONE_QUANTITY: [&str; 2] = ["blocked_nozzle", "dried_nozzle"];
 /// Runs the verb: decides which of the three forms is asked for, and runs that.
 pub fn run(args: Args) -> Result<Exit, Failure> {
     if let Some(page) = &args.report {
-        outputs::check_file(page, outputs::ResultFile::Page)?;
+        outputs::check_file(page, outputs::ResultFile::EvaluationPage)?;
     }
     if !args.truth.is_empty() {
         return score_critiques::run(&args.verdicts, &args.truth, args.json);

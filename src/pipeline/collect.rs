@@ -30,6 +30,9 @@ const MOST_FAULTY: usize = 8_192;
 /// Maximum number of sets, one for each printhead and label.
 const MOST_SETS: usize = 512;
 
+/// What signals count under that have another sampling than the first one.
+pub const OTHER_SAMPLING: &str = "other_sampling";
+
 fn sampling_of(burst: &Burst) -> (f64, usize) {
     (burst.sample_period_s, burst.samples_per_channel as usize)
 }
@@ -47,6 +50,8 @@ pub struct Collector<'a> {
     signals: BTreeMap<String, u64>,
     /// The printheads, times and channels that were seen, which labels may cover.
     pub met: RecordedSpans,
+    /// A sentence about the first recording with signals of another sampling.
+    pub other_sampling: Option<String>,
 }
 
 impl<'a> Collector<'a> {
@@ -66,6 +71,9 @@ impl<'a> Collector<'a> {
             self.first.get_or_insert(sampling_of(burst));
             for row in 0..burst.channels as usize {
                 let label = self.take_signal(burst, row, &mut signal);
+                if label == OTHER_SAMPLING && self.other_sampling.is_none() {
+                    self.other_sampling = self.differs(burst, &pass.recording.name);
+                }
                 self.count(label, 1);
             }
         })?;
@@ -91,7 +99,7 @@ impl<'a> Collector<'a> {
 
         let (period, n) = *self.sampling.get_or_insert(sampling_of(burst));
         if n != sampling_of(burst).1 || !same_period(period, burst.sample_period_s) {
-            return "other_sampling";
+            return OTHER_SAMPLING;
         }
         signal.resize(n, 0.0);
         burst.copy_signal(row, signal);
@@ -108,6 +116,13 @@ impl<'a> Collector<'a> {
             self.count("beyond_the_limit_of_sets", 1);
         }
         state
+    }
+
+    fn differs(&self, burst: &Burst, recording: &str) -> Option<String> {
+        let of = |(period_s, n): (f64, usize)| format!("{n} samples, one each {period_s:e} s");
+        let (first, other) = (of(self.sampling?), of(sampling_of(burst)));
+        let printhead = &burst.printhead;
+        Some(format!("{recording}: signals of {printhead} have {other}, and the first had {first}"))
     }
 
     fn count(&mut self, label: &str, n: u64) {

@@ -47,12 +47,13 @@ impl Run<'_> {
 
         // 2. warnings by printhead
         let mut warnings: Vec<_> = judges.wide_thresholds(false).collect();
+        let signals = |name: &str| tally.printheads.get(name).map_or(0, |of| of.signals);
         let identify = &replay.settings.identify;
         let changes = moved.iter().flat_map(|of| {
             let told = of.warnings(identify).into_iter();
             told.map(|what| (of.printhead.clone(), what))
         });
-        let temperatures = results.temperatures.warnings().into_iter();
+        let temperatures = results.temperatures.warnings(signals).into_iter();
         let head_changes: Vec<(Arc<str>, String)> = temperatures.chain(changes).collect();
         warnings.extend(head_changes.iter().cloned());
 

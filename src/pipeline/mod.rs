@@ -61,7 +61,7 @@ mod moved_judge;
 mod numbers;
 mod own_levels;
 pub mod pacer;
-mod recording_report;
+pub mod recording_report;
 pub mod replay;
 pub mod resume;
 pub mod ring_look;

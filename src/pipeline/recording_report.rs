@@ -151,8 +151,9 @@ pub fn note_not_judged(
     let (tally, settings) = (&report.tally, &replay.settings);
 
     // printheads
-    let doubts = ring_look::doubts(recording, replay.design.is_some()).into_iter();
-    let doubts = doubts.map(|doubt| doubted(doubt, tally));
+    let has_design = replay.design.is_some();
+    let doubts = ring_look::doubts(recording, has_design).into_iter();
+    let doubts = doubts.map(|doubt| doubted(doubt, tally, has_design));
     let rejected = rejected(tally, judges, &report.refusals);
     let is_known =
         |told: &NotJudged| report.odd_times.iter().any(|of| of.printhead == told.printhead);
@@ -228,7 +229,8 @@ fn no_burst(unusable: u64, first: &UnusableBurst) -> NotJudged {
     NotJudged { signals: unusable, what, ..NotJudged::default() }
 }
 
-fn nobody_reads(of: UnreadChannel) -> NotJudged {
+/// The sentence about a topic that looks like bursts and that nothing reads.
+pub fn nobody_reads(of: UnreadChannel) -> NotJudged {
     let UnreadChannel { topic, schema, encoding, messages, by_dialect, undecodable } = of;
     let messages = messages.map_or(String::new(), |n| format!("{n} "));
     let schema = if schema.is_empty() { "".into() } else { format!(" of {schema}") };
@@ -273,11 +275,13 @@ fn without_times(of: &Untimely, settings: &Settings) -> NotJudged {
     NotJudged { printhead, topic: None, signals, judged, what }
 }
 
-fn doubted((printhead, what): (String, String), tally: &Tally) -> NotJudged {
+fn doubted((printhead, what): (String, String), tally: &Tally, has_design: bool) -> NotJudged {
     let signals = tally.printheads.get(&*printhead).map_or(0, |head| head.signals);
+    // where a design judges, only clipping is doubted, which no design puts right
+    let or_design =
+        if has_design { "" } else { ", or a design of such signals is given (`inkling train`)," };
     let what = format!(
-        "{printhead}: {what}. Until that is put right, or a design of such signals is given (`inkling train`), its verdicts \
-         say nothing of nozzles"
+        "{printhead}: {what}. Until that is put right{or_design} its verdicts say nothing of nozzles"
     );
     NotJudged { printhead: Some(printhead), signals, what, ..NotJudged::default() }
 }

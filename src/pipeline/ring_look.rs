@@ -177,7 +177,7 @@ fn of_clipping(bursts: &[Burst]) -> Option<String> {
         (n as f64 > CLIPPED * of as f64).then(|| {
             format!(
                 "{n} of {of} signals stand still at {rail} for {STAND_STILL} samples and more, beyond which no sample lies: \
-                 are they clipped there? `input.rails` rejects such signals"
+                 are they clipped there? Lower the gain: what is cut off is lost"
             )
         })
     })

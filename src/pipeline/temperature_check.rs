@@ -9,6 +9,7 @@
 use super::groups::of_printhead;
 use inkling_core::burst::Burst;
 use inkling_core::design::Judge;
+use inkling_core::numbers::LITTLE;
 use inkling_lab::critique::digits::significant;
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -25,6 +26,15 @@ pub struct TemperatureCheck {
     by_printhead: BTreeMap<Arc<str>, TemperatureRange>,
     /// The temperatures that were not believed, however the printhead was judged.
     not_believed: BTreeMap<Arc<str>, TemperatureRange>,
+    /// Numbers of signals without a temperature, though their model knows what it does.
+    not_recorded: BTreeMap<Arc<str>, NotRecorded>,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct NotRecorded {
+    signals: u64,
+    /// What they count as being at, °C.
+    taken_for: f64,
 }
 
 /// The range of a printhead's temperatures, °C, and how far the farthest lies from its model's, K.
@@ -44,7 +54,17 @@ impl TemperatureRange {
 
 impl TemperatureCheck {
     pub fn take(&mut self, judge: &Judge, burst: &Burst) {
-        let Some(t) = burst.temperature_c.filter(|t| t.is_finite()) else { return };
+        let Some(t) = burst.temperature_c.filter(|t| t.is_finite()) else {
+            let reference =
+                judge.model.temperature_response.as_ref().and(judge.model.temperature_c);
+            if let Some(taken_for) = reference {
+                let all = &mut self.not_recorded;
+                let new = || NotRecorded { signals: 0, taken_for };
+                let of = of_printhead(all, &burst.printhead, MOST_PRINTHEADS, new);
+                of.into_iter().for_each(|of| of.signals += u64::from(burst.channels));
+            }
+            return;
+        };
         let all = match judge.model.temperature_response {
             Some(_) if judge.model.believes(t) => return,
             Some(_) => &mut self.not_believed,
@@ -67,8 +87,8 @@ impl TemperatureCheck {
     }
 
     /// Warnings by printhead: where a temperature lay more than `HARMLESS_K` from the model's, or so far from
-    /// the middle of the range.
-    pub fn warnings(&self) -> Vec<(Arc<str>, String)> {
+    /// the middle of the range; or where many signals have none. `signals`: how many a printhead has.
+    pub fn warnings(&self, signals: impl Fn(&str) -> u64) -> Vec<(Arc<str>, String)> {
         let says = |range: &TemperatureRange| {
             format!(
                 "judged at {} °C by models that do not know what temperature does, and its channels could not be \
@@ -90,7 +110,18 @@ impl TemperatureCheck {
         let of = self.by_printhead.iter().filter(|(_, range)| matters(range));
         let of = of.map(|(name, range)| (name.clone(), says(range)));
         let odd = self.not_believed.iter();
-        of.chain(odd.map(|(name, range)| (name.clone(), not_believed(range)))).collect()
+        let missing = self.not_recorded.iter().filter_map(|(name, of)| {
+            let (all, NotRecorded { signals, taken_for }) = (signals(name), of);
+            let taken_for = significant(*taken_for, 3);
+            let what = format!(
+                "of {signals} of {all} signals no temperature was recorded, though its model knows what temperature \
+                 does: they were judged as if the ink were at {taken_for} °C. Look at the sensor, and at `temperature` in \
+                 [[input.dialect]]"
+            );
+            (*signals as f64 > LITTLE * all as f64).then(|| (name.clone(), what))
+        });
+        let odd = odd.map(|(name, range)| (name.clone(), not_believed(range)));
+        of.chain(odd).chain(missing).collect()
     }
 }
 
@@ -114,13 +145,19 @@ mod tests {
         let judge = Judge::new(0, Arc::new(model), None, Some(&design), &Default::default());
         let (judge, mut check) = (judge.unwrap(), TemperatureCheck::default());
         let signals = [vec![0.0f32; design.samples]];
+        let of =
+            || Burst::of(&signals, design.sample_period_s, Format::F32Le, Layout::ChannelMajor);
         for t in [23.5, 85.0] {
-            assert!(check.warnings().is_empty(), "before {t}");
-            let of =
-                Burst::of(&signals, design.sample_period_s, Format::F32Le, Layout::ChannelMajor);
-            check.take(&judge, &Burst { temperature_c: Some(t), ..of });
+            assert!(check.warnings(|_| 2).is_empty(), "before {t}");
+            check.take(&judge, &Burst { temperature_c: Some(t), ..of() });
         }
-        let told = check.warnings();
+        let told = check.warnings(|_| 2);
         assert!(told[0].1.contains("85") && told[0].1.contains("not recorded"), "{told:?}");
+
+        // one of nine without a temperature is told, and one of twenty is not
+        check.take(&judge, &of());
+        let [often, seldom] = [9, 20].map(|signals| check.warnings(|_| signals));
+        assert!(often[1].1.starts_with("of 1 of 9 signals no temperature"), "{often:?}");
+        assert_eq!(seldom.len(), 1);
     }
 }

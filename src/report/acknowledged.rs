@@ -82,6 +82,9 @@ impl Acknowledged {
                 let (printhead, channel) = (printhead.to_owned(), number()?);
                 let (from_ns, until_ns) =
                     (from_ns.unwrap_or(i64::MIN), until_ns.unwrap_or(i64::MAX));
+                if until_ns < from_ns {
+                    return Err(format!("until {until} is before from {from}: turn them round"));
+                }
                 self.known.push(KnownFault { printhead, channel, from_ns, until_ns, note });
             }
             _ => return Err(format!("what \"{what}\": write damage, replaced or known")),
@@ -106,6 +109,12 @@ impl Acknowledged {
         let is_it = |of: &&KnownRecording| path.ends_with(&of.path) || of.path.ends_with(&path);
         let mut of_it = self.damage.iter().filter(|_| !path.is_empty());
         of_it.find(is_it).map(|of| of.note.as_str())
+    }
+
+    /// Whether a printhead was replaced after it was heard last.
+    pub fn is_gone(&self, printhead: &str, last_ns: i64) -> bool {
+        let is_it = |of: &Replaced| of.printhead == printhead && of.channel.is_none();
+        self.replaced.iter().any(|of| is_it(of) && of.from_ns > last_ns)
     }
 
     /// The note on a fault that is known.

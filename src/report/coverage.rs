@@ -10,6 +10,7 @@
 //! that were not measured in the last night, or channels silent since the first half of their
 //! latest recording; `doubtful`, channels of which nothing certain is known now.
 
+use super::acknowledged::Acknowledged;
 use super::counts::{ChannelCount, Tally};
 use super::night::{Span, last_night, whole};
 use super::source::{LostRecording, Source};
@@ -95,7 +96,12 @@ pub enum Extent {
 
 impl Coverage {
     /// The coverage of these recordings. `sources`: in the order of the survey's indices.
-    pub fn of(survey: &Survey, sources: &[Source], lost: Vec<LostRecording>) -> Coverage {
+    pub fn of(
+        survey: &Survey,
+        sources: &[Source],
+        lost: Vec<LostRecording>,
+        acknowledged: &Acknowledged,
+    ) -> Coverage {
         let tallies = || survey.heads.iter().flat_map(|head| head.tallies.values());
         let is_whole = |of: &&Source| of.missing.is_empty() && of.damaged_places() == 0;
         let is_known = |of: &&Source| of.known.is_some();
@@ -113,8 +119,12 @@ impl Coverage {
                 .iter()
                 .filter(|of| is_known(of) && !is_whole(of))
                 .count() as u64,
-            gaps: [gaps(survey, sources), not_measured(survey, sources), doubtful(survey, sources)]
-                .concat(),
+            gaps: [
+                gaps(survey, sources),
+                not_measured(survey, sources, acknowledged),
+                doubtful(survey, sources),
+            ]
+            .concat(),
             lost,
             channels: survey.channels().filter(|c| c.judged > 0).count() as u64,
             unknown_channels: survey.channels().filter(|c| c.judged == 0).count() as u64,
@@ -265,7 +275,7 @@ fn of_recording(survey: &Survey, recording: usize, source: &Source) -> BTreeMap<
 
 /// A gap for each printhead that was not measured in the last night (`night::last_night`), or some
 /// of whose channels were not, or fell silent in the first half of their latest recording.
-fn not_measured(survey: &Survey, sources: &[Source]) -> Vec<Gap> {
+fn not_measured(survey: &Survey, sources: &[Source], acknowledged: &Acknowledged) -> Vec<Gap> {
     let tallies = survey.heads.iter().flat_map(|head| head.tallies.values());
     let mut spans: Vec<Span> = tallies.filter_map(|of| of.span).collect();
     spans.sort_unstable();
@@ -297,15 +307,20 @@ fn not_measured(survey: &Survey, sources: &[Source]) -> Vec<Gap> {
         // channels of which nothing was ever judged are told elsewhere
         let judged = || head.channels.iter().filter(|of| of.judged > 0);
         let silent = |of: &&ChannelCount| !of.is_measured(from_ns, &head.tallies);
-        let what = match judged().filter(silent).count() {
-            0 => return None,
-            _ if tally.span?.1 < from_ns => {
-                format!("{name} was not heard in the last night: this was its last recording")
-            }
-            n => {
-                let of = counted(judged().count() as u64, "channel");
-                format!("{n} of {of} of {name} fell silent, or were not heard in the last night")
-            }
+        let silent: Vec<u32> = judged().filter(silent).map(|of| of.channel).collect();
+        let what = match silent[..] {
+            [] => return None,
+            _ if acknowledged.is_gone(name, tally.span?.1) => return None,
+            _ if tally.span?.1 < from_ns => format!(
+                "{name} was not heard in the last night: this was its last recording. If it was taken out, \
+                 `inkling acknowledge --replaced` it"
+            ),
+            _ => format!(
+                "{} of {name} fell silent, or were not heard in the last night: {} of its {}",
+                numbers(&silent),
+                silent.len(),
+                counted(judged().count() as u64, "channel")
+            ),
         };
         Gap::of_head(head, what, recording, sources)
     };
@@ -316,7 +331,8 @@ fn not_measured(survey: &Survey, sources: &[Source]) -> Vec<Gap> {
 /// their signals, and those of which less than half was judged in their latest recording. Printheads of which
 /// nothing was judged in that recording are told elsewhere.
 fn doubtful(survey: &Survey, sources: &[Source]) -> Vec<Gap> {
-    let flagged = "flagged in most signals, of which no recording has enough to tell a fault";
+    let flagged = "flagged in most signals, of which no recording has enough to tell a fault: record longer, \
+        or merge recordings (`mcap merge`)";
     let mut all = Vec::new();
     for head in &survey.heads {
         let mut tell = |channels: &[u32], at: usize, words: &str| {
@@ -394,7 +410,12 @@ mod tests {
         }
         let survey = surveyed(&recordings);
         let source = |name: &&str| Source { name: (*name).to_owned(), ..Source::default() };
-        Coverage::of(&survey, &names.iter().map(source).collect::<Vec<_>>(), Vec::new())
+        Coverage::of(
+            &survey,
+            &names.iter().map(source).collect::<Vec<_>>(),
+            Vec::new(),
+            &Acknowledged::default(),
+        )
     }
 
     #[test]
@@ -442,7 +463,7 @@ mod tests {
         let mut survey = Survey::new(vec![Vec::new(); 2], false);
         survey.left_out.insert(0, 3);
         let sources = ["a", "b"].map(|name| Source { name: name.into(), ..Source::default() });
-        let coverage = Coverage::of(&survey, &sources, Vec::new());
+        let coverage = Coverage::of(&survey, &sources, Vec::new(), &Acknowledged::default());
         let told: Vec<_> = coverage.gaps.iter().map(|gap| gap.recording.as_str()).collect();
         assert_eq!((told, coverage.not_judged), (vec!["b"], 3));
     }

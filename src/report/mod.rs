@@ -154,7 +154,7 @@ impl Report {
         acknowledged: &Acknowledged,
         settings: ReportSettings,
     ) -> Report {
-        let coverage = Coverage::of(&survey, sources, lost);
+        let coverage = Coverage::of(&survey, sources, lost, acknowledged);
         let false_alarms = FalseAlarms::of(&survey, sources);
 
         // The stories of each channel, linked with the rates of all channels.

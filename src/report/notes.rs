@@ -79,7 +79,7 @@ fn overlaps(survey: &Survey, sources: &[Source]) -> Option<String> {
     (!pairs.is_empty()).then(|| {
         format!(
             "Recordings overlap in time on {}: {}{more}. What two of them hold counts twice; or a clock \
-             was wrong.",
+             was wrong, or two printheads have one name.",
             counted(heads as u64, "printhead"),
             named.join(", ")
         )

@@ -192,8 +192,13 @@ pub fn stories(watch: &Watch, rates: &Rates) -> Vec<Story> {
         // The sequential test saw the channel healthy if the episode ended: then one quiet burst is enough, unless
         // so many are flagged all the same that the channel goes on to be faulty.
         let ended = watch.spells[k - 1].episode.ended_at_ns.is_some();
-        let Gap { healthy, quiet } = Gap::of(&watch.outside[k], share, rates.false_alarms);
-        Cure { is_one: healthy > CURED || ended && quiet > 0 && healthy > -CURED, quiet }
+        let between = &watch.outside[k];
+        // What is heard while the channel is faulty is of another one: two recordings of one time call them alike.
+        let is_beside =
+            between.first_ns.is_some_and(|t_ns| t_ns <= watch.spells[k - 1].last_look_ns());
+        let Gap { healthy, quiet } = Gap::of(between, share, rates.false_alarms);
+        let is_cured = healthy > CURED && !is_beside;
+        Cure { is_one: is_cured || ended && quiet > 0 && healthy > -CURED, quiet }
     };
     // Episodes `from..k` make up the current story, which ends where episode k is another fault.
     let mut all = Vec::new();

@@ -14,13 +14,13 @@ use super::mcap_records::MAGIC;
 use super::parquet_file::{self, ParquetFile};
 use super::table_columns::{ChosenColumns, Columns, choose_columns};
 use super::table_file::{Decay, MOST_CELLS, Moment, Rows, Table, unread};
-use super::time_column::TimeUnit;
+use super::time_column::{self, TimeUnit};
 use super::unpanicked::unpanicked;
 use super::{Limits, printable, regular_file, result_file, unread_file};
 use arrow_array::cast::AsArray;
 use arrow_array::types::{Decimal128Type, Int64Type};
 use arrow_array::{Array, ArrayRef, RecordBatchReader as _};
-use arrow_schema::DataType;
+use arrow_schema::{DataType, FieldRef, Schema};
 use parquet::arrow::arrow_reader::{ArrowReaderOptions, ParquetRecordBatchReader};
 use std::path::Path;
 
@@ -65,11 +65,32 @@ fn open(path: &Path) -> Result<ParquetRecordBatchReader, FileError> {
         })
 }
 
+/// With the only column whose type is that of times as that of times, where nobody names one and no name says time.
+fn typed_times(schema: &Schema, columns: &Columns) -> Columns {
+    let Columns { time, outputs, burst, printhead, beside, .. } = columns;
+    let names = || schema.fields().iter().map(|field| field.name());
+    let taken = outputs.iter().flatten().chain(burst).chain(printhead).chain(beside);
+    let taken: Vec<&String> = taken.collect();
+    let is_typed = |field: &&FieldRef| matches!(field.data_type(), DataType::Timestamp(..));
+    let typed: Vec<&FieldRef> = schema.fields().iter().filter(is_typed).collect();
+    let only = match typed[..] {
+        [one] if time.is_none() && !names().any(|name| time_column::is_time(name)) => {
+            Some(one.name())
+        }
+        _ => None,
+    };
+    Columns {
+        time: only.filter(|name| !taken.contains(name)).or(time.as_ref()).cloned(),
+        ..columns.clone()
+    }
+}
+
 fn read_batches(path: &Path, columns: &Columns) -> Result<Table, FileError> {
     let batches = open(path)?;
     let schema = batches.schema();
     let names: Vec<String> = schema.fields().iter().map(|field| field.name().clone()).collect();
-    let mut chosen = choose_columns(names, columns).map_err(|what| columns.refused(path, what))?;
+    let typed = typed_times(&schema, columns);
+    let mut chosen = choose_columns(names, &typed).map_err(|what| columns.refused(path, what))?;
     let type_of = |c: usize| schema.field(c).data_type();
     // with --period-s a column whose times cannot be read is as good as none
     let is_text =
@@ -308,6 +329,18 @@ mod tests {
         lists.append(true);
         let times: ArrayRef = Arc::new(TimestampSecondArray::from(vec![1_767_000_000]));
         reread([(time, times), ("samples", Arc::new(lists.finish()))])
+    }
+
+    #[test]
+    fn the_only_column_of_a_type_of_times_is_that_of_times_wherever_it_stands() {
+        let times: ArrayRef =
+            Arc::new(TimestampSecondArray::from(vec![1_767_000_000, 1_767_000_001]));
+        let values: ArrayRef = Arc::new(Float64Array::from(vec![3.5, 1.5]));
+        let table = reread([("pressure", values), ("__index_level_0__", times)]);
+        assert_eq!(
+            (table.outputs, &table.decays[0].outputs),
+            (vec!["pressure".into()], &vec![vec![3.5, 1.5]])
+        );
     }
 
     #[test]

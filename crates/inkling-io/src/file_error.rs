@@ -55,13 +55,15 @@ const MOST_SIBLINGS: usize = 10_000;
 
 /// The end of an error about a missing file, such as `; did you mean night.mcap?`.
 pub(super) fn meant(path: &Path) -> String {
+    if path.is_symlink() {
+        return "; it is a link, and what it leads to is not there".into();
+    }
     let beside = path.parent().filter(|dir| !dir.as_os_str().is_empty());
     let there = std::fs::read_dir(beside.unwrap_or(Path::new("."))).into_iter().flatten();
     let there =
         there.flatten().take(MOST_SIBLINGS).map(|of| of.file_name().to_string_lossy().into_owned());
     let name = path.file_name().unwrap_or_default().to_string_lossy();
-    // a link that leads nowhere has the very name
-    let there: Vec<String> = there.filter(|of| *of != name).collect();
+    let there: Vec<String> = there.collect();
     match nearest(&name, there.iter().map(String::as_str)).first() {
         Some(near) => format!("; did you mean {}?", path.with_file_name(near).display()),
         None => String::new(),

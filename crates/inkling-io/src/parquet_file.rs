@@ -125,7 +125,15 @@ pub fn footer_of(mut file: &File) -> io::Result<Option<Range<u64>>> {
 pub fn words(error: &ParquetError) -> String {
     match error {
         ParquetError::External(own) => own.to_string(),
-        of_library => format!("cut short or damaged ({of_library})"),
+        of_library => match of_library.to_string().split_once("Disabled feature at compile time: ")
+        {
+            Some((_, codec)) => {
+                format!(
+                    "compressed by {codec}, which is not read here: write it with zstd, snappy or none"
+                )
+            }
+            None => format!("cut short or damaged ({of_library})"),
+        },
     }
 }
 

@@ -36,8 +36,10 @@ pub enum ResultFile {
     Account,
     Journal,
     Summary,
-    /// An HTML page: a report, an evaluation, a critique.
+    /// An HTML page of `report`, of `score`, of `critique`.
     Page,
+    EvaluationPage,
+    CritiquePage,
     Manual,
     Recording,
     Table,
@@ -66,6 +68,12 @@ const BY_KEYS: [(ResultFile, &[&str]); 9] = [
     (ResultFile::Summary, &["version", "recording", "counts", "settings"]),
     (ResultFile::Baselines, &["version", "printheads"]),
     (ResultFile::Models, &["models"]),
+];
+
+/// The titles of pages that are not of `report`.
+pub const PAGES: [(ResultFile, &str); 2] = [
+    (ResultFile::EvaluationPage, "Evaluation of verdicts"),
+    (ResultFile::CritiquePage, "Model critique"),
 ];
 
 /// The key of inkling's metadata in a Parquet footer, as Thrift's compact protocol writes a pair of texts. A name or
@@ -99,8 +107,12 @@ impl ResultFile {
             head if head.starts_with(MAGIC) => {
                 is(library(head) == Some(b"inkling"), ResultFile::Recording)
             }
-            _ if says("<meta name=\"generator\" content=\"inkling\">") => Some(ResultFile::Page),
-            _ => is(says(".TH inkling"), ResultFile::Manual),
+            _ if says("<meta name=\"generator\" content=\"inkling\">") => {
+                let of_title = PAGES.iter().find(|(_, title)| says(&format!("<title>{title}<")));
+                Some(of_title.map_or(ResultFile::Page, |(kind, _)| *kind))
+            }
+            _ if says(".TH inkling") => Some(ResultFile::Manual),
+            _ => is(holds_line_of_journal(file)?, ResultFile::Journal),
         })
     }
 
@@ -117,7 +129,9 @@ impl ResultFile {
             ResultFile::Account => ("account of all recordings", ""),
             ResultFile::Journal => ("journal of a replay", ""),
             ResultFile::Summary => ("summary of a recording's verdicts", ""),
-            ResultFile::Page => ("page that inkling made", ""),
+            ResultFile::Page => ("page of `inkling report`", ""),
+            ResultFile::EvaluationPage => ("page of `inkling score`", ""),
+            ResultFile::CritiquePage => ("page of `inkling critique`", ""),
             ResultFile::Manual => ("manual page of inkling", ""),
             ResultFile::Recording => ("recording that inkling made", "`inkling replay` judges it"),
             ResultFile::Table => (
@@ -191,6 +205,20 @@ fn of_json(mut file: File) -> std::io::Result<Option<ResultFile>> {
     })
 }
 
+/// Whether a text that begins otherwise, as after a power failure, has a line of a journal.
+fn holds_line_of_journal(mut file: File) -> std::io::Result<bool> {
+    file.rewind()?;
+    let mut text = Vec::new();
+    file.take(MOST_LINE_BYTES).read_to_end(&mut text)?;
+    let of_journal = BY_KEYS.iter().find(|(kind, _)| *kind == ResultFile::Journal);
+    let is_line = |line: &[u8]| {
+        let keys = serde_json::from_slice::<BTreeMap<String, IgnoredAny>>(line).ok();
+        keys.zip(of_journal)
+            .is_some_and(|(keys, (_, of))| of.iter().all(|key| keys.contains_key(*key)))
+    };
+    Ok(text.split(|byte| *byte == b'\n').any(is_line))
+}
+
 /// Whether a file is a document of JSON that inkling began and that ends before its end, as after a failing disk.
 pub fn is_cut(path: &Path) -> bool {
     let begin = |start: Vec<u8>| {
@@ -238,7 +266,11 @@ mod tests {
         let mcap = b"\x89MCAP0\r\n\x01\x0f\0\0\0\0\0\0\0\0\0\0\0\x07\0\0\0inkling";
         let of_others =
             b"\x89MCAP0\r\n\x01\x10\0\0\0\0\0\0\0\0\0\0\0\x08\0\0\0mcap-cpp inkling.Burst";
-        let files: [(&[u8], Option<ResultFile>); 21] = [
+        let torn = b"ath\":\"x\"}\n<<<<\n{\"version\":2,\"recording\":1,\"outcome\":1,\"by\":1}\n";
+        let evaluation = page.replace("<title>a<", "<title>Evaluation of verdicts<");
+        let files: [(&[u8], Option<ResultFile>); 23] = [
+            (torn, Some(Journal)),
+            (evaluation.as_bytes(), Some(EvaluationPage)),
             (design, Some(Design)),
             (br#"{"models": []}"#, Some(Models)),
             (br#"{"version": 2, "design": null, "printheads": {}}"#, Some(Baselines)),

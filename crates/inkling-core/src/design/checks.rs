@@ -35,6 +35,10 @@ impl Design {
 impl HealthyModel {
     fn check(&self, samples: usize) -> Result<(), String> {
         let Identification { channel, poles, .. } = &self.identification;
+        if self.noise == 0.0 {
+            return Err("`noise` = 0: its healthy signals do not differ; were they frozen, the same samples again and \
+                 again?".into());
+        }
         // so the square and the inverse square of each of these numbers are finite, too
         for (key, v) in [
             ("noise", self.noise),

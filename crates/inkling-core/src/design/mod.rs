@@ -31,6 +31,7 @@ mod learned_filter;
 mod leftover;
 mod moved_model;
 mod named_ring;
+mod odd_channels;
 mod own_channel;
 mod promise;
 mod reported_ring;

@@ -79,6 +79,7 @@ impl Design {
             }
         }
         design.check()?;
+        warnings.extend(design.odd_channels(&set.healthy));
         Ok((design, warnings))
     }
 
@@ -98,11 +99,14 @@ impl Design {
         let pooled = HealthyModel::learn(&pooled, None, None, settings)?;
         warnings.extend(temperature_unknown(&pooled));
         warnings.extend(pooled.apart.map(|share| {
+            let (n, threshold) = (pooled.threshold.n_signals, pooled.threshold.value);
+            let apart = match (share * n as f64).round() {
+                0.0 => String::new(),
+                of => format!(", of which {of} lie apart,"),
+            };
             format!(
-                "{:.1} % of the signals labelled healthy lie apart from the others, and the threshold \
-                 lies beyond them ({:.0}): faults among them, or two kinds of channels; check the labels",
-                100.0 * share,
-                pooled.threshold.value
+                "the threshold, {threshold:.0}, lies far beyond most of the {n} signals labelled healthy{apart}: too few \
+                 signals to know their tail, faults among them, or two kinds of channels; label more, and check the labels"
             )
         }));
 

@@ -55,6 +55,10 @@ impl RecordedSpans {
         }
     }
 
+    pub fn printheads(&self) -> Vec<&str> {
+        self.heads.keys().map(|name| &**name).collect()
+    }
+
     /// What somebody mistyped: a misspelt printhead, else a time in another unit.
     pub fn mistake(&self, labels: &Labels) -> Option<String> {
         self.misspelt(labels).or_else(|| self.of_other_unit(labels))
@@ -73,8 +77,14 @@ impl RecordedSpans {
             others = format!("; of {}{more} there is nothing in them", named.join(", "));
         }
         let (none, all) = (unused.len(), rows.len());
-        (none > 0)
-            .then(|| format!("{none} of {all} rows cover no signal of these recordings{others}"))
+        let first = unused.first()?;
+        let which = match first.channel.bounds() {
+            [0, u32::MAX] => "all channels".to_owned(),
+            [from, to] if from == to => format!("channel {from}"),
+            [from, to] => format!("channels {from}-{to}"),
+        };
+        let which = format!("the first of {} {which}, {}", first.printhead, first.state);
+        Some(format!("{none} of {all} rows cover no signal of these recordings, {which}{others}"))
     }
 
     fn knows(&self, printhead: &str) -> bool {
