@@ -48,6 +48,7 @@ const MISTAKES: &[(&str, i32, &str)] = &[
     ("acknowledge {O} --replaced p", 2, "--from"),
     ("acknowledge {O} --replaced p:1 --from noon", 2, "2026-01-31"),
     ("acknowledge {R} --damage x", 2, "no directory of results"),
+    ("acknowledge {O} --known p:1 --from 2026-02-01 --until 2026-01-01", 2, "turn them round"),
     ("night", 2, "pipeline.toml"),
     ("night --config missing.toml", 2, "missing.toml"),
     // settings
@@ -62,6 +63,8 @@ const MISTAKES: &[(&str, i32, &str)] = &[
     ("replay {R} --set identify.every=9", 2, "identify.every is no longer there"),
     ("replay {R} --config {R}", 2, "is not UTF-8 text"),
     ("replay {R} --config missing.toml", 2, "missing.toml"),
+    ("replay {R} --set output.dir=~/verdicts", 2, "write the whole path"),
+    ("replay {R} --set input.design=$HOME/design.json", 2, "write the whole path"),
     ("replay {R} --config {L}", 2, "labels.csv"),
     // files of another kind
     ("replay {R} --design missing.json", 2, "missing.json"),

@@ -157,6 +157,7 @@ pub fn learn(lesson: TrainingInput) -> Result<TrainedDesign, Failure> {
     let reviews = design.review_classes(&set, grey_box, &settings.isolate).map_err(Failure::new)?;
     refuse_hardly_named(&reviews, written.name())?;
     warnings.extend(reviews.iter().filter(|class| class.is_hardly_detected()).map(hardly_detected));
+    warnings.extend(reviews.iter().filter(|class| class.is_sized_otherwise()).map(sized_otherwise));
     Ok(TrainedDesign { design, reviews, warnings, unused, incomplete })
 }
 
@@ -260,6 +261,15 @@ fn hardly_detected(class: &ClassReview) -> String {
     format!(
         "class {name}: hardly detectable: {detected} of its {signals} labelled signals pass the chosen \
          detection, and what does not pass is named nothing"
+    )
+}
+
+/// The warning about a class whose labelled sizes are not those that its signals show.
+fn sized_otherwise(class: &ClassReview) -> String {
+    let (name, Judged { sized, sized_right, .. }) = (printable(&class.name), &class.trained_on);
+    format!(
+        "class {name}: of {sized} signals the 95 % interval of the size holds the labelled one in {sized_right}: sizes will be \
+         those of the physics. Look at the labelled sizes and their unit, or leave them empty"
     )
 }
 

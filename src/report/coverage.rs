@@ -15,7 +15,7 @@ use super::counts::{ChannelCount, Tally};
 use super::night::{Span, last_night, whole};
 use super::source::{LostRecording, Source};
 use super::survey::{Head, Survey};
-use super::words::{clock, counted, first_of, joined, of_some, percent, thousands};
+use super::words::{self, clock, counted, first_of, joined, of_some, percent, ranges, thousands};
 use inkling_core::verdict::Reason;
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -316,8 +316,8 @@ fn not_measured(survey: &Survey, sources: &[Source], acknowledged: &Acknowledged
                  `inkling acknowledge --replaced` it"
             ),
             _ => format!(
-                "{} of {name} fell silent, or were not heard in the last night: {} of its {}",
-                numbers(&silent),
+                "{} of {name}: fell silent, or not heard in the last night ({} of its {})",
+                words::channels(&ranges(silent.clone())),
                 silent.len(),
                 counted(judged().count() as u64, "channel")
             ),
@@ -338,7 +338,11 @@ fn doubtful(survey: &Survey, sources: &[Source]) -> Vec<Gap> {
         let mut tell = |channels: &[u32], at: usize, words: &str| {
             let is_judged = head.tallies.get(&at).is_some_and(|tally| tally.judged > 0);
             if is_judged && !channels.is_empty() {
-                let what = format!("{} of {}: {words}", numbers(channels), head.name);
+                let what = format!(
+                    "{} of {}: {words}",
+                    words::channels(&ranges(channels.to_vec())),
+                    head.name
+                );
                 all.extend(Gap::of_head(head, what, at, sources));
             }
         };
@@ -362,16 +366,6 @@ fn doubtful(survey: &Survey, sources: &[Source]) -> Vec<Gap> {
         }
     }
     all
-}
-
-/// The numbers of channels in words, `channels 3, 7 and 12`, or the first ones and how many more there are.
-fn numbers(channels: &[u32]) -> String {
-    let named: Vec<String> = channels.iter().take(MOST_NAMED).map(u32::to_string).collect();
-    match (named.as_slice(), channels.len() - named.len()) {
-        ([one], 0) => format!("channel {one}"),
-        ([before @ .., last], 0) => format!("channels {} and {last}", before.join(", ")),
-        (all, more) => format!("channels {} and {} more", all.join(", "), thousands(more as u64)),
-    }
 }
 
 /// How many signals of a printhead or a recording were not judged, with the most frequent reason.

@@ -110,15 +110,18 @@ pub fn channels(numbers: &str) -> String {
     format!("channel{} {numbers}", if numbers.contains(' ') { "s" } else { "" })
 }
 
-/// Channel numbers in words: `7`, or `0 to 4, 7, 9`.
-fn ranges(mut channels: Vec<u32>) -> String {
+/// Most runs of channels that are named.
+const MOST_RUNS: usize = 12;
+
+/// Channel numbers in words: `7`, or `0 to 4, 7, 9`. The first [`MOST_RUNS`] are named.
+pub fn ranges(mut channels: Vec<u32>) -> String {
     channels.sort_unstable();
     channels.dedup();
     let runs = channels.chunk_by(|a, b| a + 1 == *b).flat_map(|run| match run {
         [first, .., last] if last - first > 1 => vec![format!("{first} to {last}")],
         few => few.iter().map(u32::to_string).collect(),
     });
-    runs.collect::<Vec<_>>().join(", ")
+    first_of(&runs.collect::<Vec<_>>(), MOST_RUNS, ", ")
 }
 
 /// A column: its head, and its width in characters.

@@ -18,6 +18,7 @@ use super::{
 use crate::fault::HEALTHY;
 use crate::identify::GreyBoxSettings;
 use crate::isolate::Likeness;
+use crate::isolate::severity::Severity;
 use crate::numbers::{FEW, LITTLE};
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::{Arc, OnceLock};
@@ -36,6 +37,9 @@ pub struct Judged {
     pub no_ring: usize,
     /// Flagged signals by the class of largest weight, whether named or not.
     pub most_like: BTreeMap<String, usize>,
+    /// Named signals with a labelled size and one of their own, and those of them whose 95 % interval holds the label.
+    pub sized: usize,
+    pub sized_right: usize,
 }
 
 #[derive(Clone, Debug)]
@@ -53,6 +57,17 @@ pub struct ClassReview {
     pub held_out: Judged,
 }
 
+/// A signal that is labelled with a fault.
+struct LabelledSignal<'a> {
+    /// N samples, counts.
+    deviation: &'a [f64],
+    /// Over the model's reference drive.
+    drive: f64,
+    class: &'a str,
+    /// In the unit of the class; NaN: not labelled.
+    size: f64,
+}
+
 impl Judged {
     pub fn named(&self, class: &str) -> usize {
         self.named.get(class).copied().unwrap_or(0)
@@ -63,15 +78,9 @@ impl Judged {
         most(&self.named, class)
     }
 
-    /// Judges one more signal and counts what comes of it. `deviation`: N samples, counts; `drive`: over the model's
-    /// reference drive; `names`: those of the judge's classes.
-    fn count(
-        &mut self,
-        judge: &Judge,
-        (deviation, drive): (&[f64], f64),
-        names: &[String],
-        work: &mut Workspace,
-    ) {
+    /// Judges one more signal and counts what comes of it. `names`: those of the judge's classes.
+    fn count(&mut self, judge: &Judge, of: LabelledSignal, names: &[String], work: &mut Workspace) {
+        let LabelledSignal { deviation, drive, class, size } = of;
         self.signals += 1;
         let found = judge.detect(deviation, drive, work);
         if !judge.test(found).is_flagged() {
@@ -80,6 +89,12 @@ impl Judged {
         self.detected += 1;
         let Some(isolation) = judge.isolate(deviation, drive, work) else { return };
         self.no_ring += usize::from(isolation.likeness == Likeness::NoRing);
+        let named = isolation.fault.and_then(|k| names.get(usize::from(k)));
+        let is_sized = size.is_finite() && named.is_some_and(|name| name == class);
+        if let Some(Severity { value, sd }) = work.severity.filter(|_| is_sized) {
+            self.sized += 1;
+            self.sized_right += usize::from((value - size).abs() <= 1.96 * sd);
+        }
         for (counts, class) in
             [(&mut self.named, isolation.fault), (&mut self.most_like, isolation.candidate)]
         {
@@ -126,6 +141,12 @@ impl ClassReview {
                 "{n} of its {detected} detected signals look more like {like}, and {back} of that class more like it"
             )
         })
+    }
+
+    /// Whether most of its labelled sizes are not those that its signals show, although the design knows the labels.
+    pub fn is_sized_otherwise(&self) -> bool {
+        let Judged { sized, sized_right, .. } = self.trained_on;
+        sized >= FEW && 2 * sized_right < sized
     }
 
     pub fn is_hardly_detected(&self) -> bool {
@@ -229,7 +250,9 @@ fn judge_all(
             let judge = Judge::new(0, model.clone().into(), design.drive_voltage_v, by, isolate)?;
             model.each_deviation(signals, |i, deviation, drive| {
                 work.warmer = model.warmer(signals.temperature_c[i]);
-                judged.count(&judge, (deviation, drive), &names, &mut work);
+                let size = signals.severity[i];
+                let signal = LabelledSignal { deviation, drive, class: name, size };
+                judged.count(&judge, signal, &names, &mut work);
             });
         }
     }

@@ -6,13 +6,12 @@
 use super::{Design, HealthyModel, tuned};
 use crate::identify::SignalSet;
 use crate::model::median::{median_of, robust_sd};
-use crate::model::ring_fit::Features;
 use crate::numbers::FEW;
 use nalgebra::Vector2;
 use std::collections::BTreeMap;
 
 /// Signals of a channel that are looked at, at most.
-const LOOKED_AT: usize = 16;
+const LOOKED_AT: usize = 4;
 /// Channels that are named, at most.
 const MOST_NAMED: usize = 8;
 
@@ -34,8 +33,8 @@ fn levels(model: &HealthyModel, set: &SignalSet) -> BTreeMap<u32, Vector2<f64>> 
     };
     let chosen: Vec<usize> = (0..set.len()).filter(|i| is_early(i)).collect();
     let mut rings: BTreeMap<u32, Vec<Vector2<f64>>> = BTreeMap::new();
-    let start = (&fitter, Some(Features::HEALTHY));
-    model.each_own_ring(start, (set, &chosen), |i, _, fit| {
+    // no fit from the healthy ring reaches one that lies far off
+    model.each_own_ring((&fitter, None), (set, &chosen), |i, _, fit| {
         let Some(fit) = fit else { return };
         let at = fit.features.coordinates().fixed_rows::<2>(1).into_owned();
         rings.entry(set.channel[i]).or_default().push(at);

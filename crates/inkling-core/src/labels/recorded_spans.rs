@@ -83,8 +83,8 @@ impl RecordedSpans {
             [from, to] if from == to => format!("channel {from}"),
             [from, to] => format!("channels {from}-{to}"),
         };
-        let which = format!("the first of {} {which}, {}", first.printhead, first.state);
-        Some(format!("{none} of {all} rows cover no signal of these recordings, {which}{others}"))
+        let which = format!("the first: {}, {which}, {}", first.printhead, first.state);
+        Some(format!("{none} of {all} rows cover no signal of these recordings ({which}){others}"))
     }
 
     fn knows(&self, printhead: &str) -> bool {
@@ -218,7 +218,7 @@ mod tests {
         let told = met.unused(&rows).unwrap();
         assert_eq!(
             told,
-            "3 of 4 rows cover no signal of these recordings; of b there is nothing in them"
+            "3 of 4 rows cover no signal of these recordings (the first: a, channel 8, healthy); of b there is nothing in them"
         );
     }
 }
