@@ -22,8 +22,6 @@ use super::space::Direction;
 use inkling_core::model::free_decay::{ALL, FREE};
 use inkling_core::model::inner_product::dot;
 
-/// About so many signals are looked at, in whole bursts, of many only every second, third, ..
-const MOST: usize = 4096;
 const REAL_POLE: usize = 4;
 /// Number of coefficients that bursts are judged about: the mean, and the direction's own.
 const FITTED: f64 = 2.0;
@@ -124,19 +122,15 @@ impl Clusters<'_> {
         spread(&bursts, present)
     }
 
-    /// What each burst says of a direction, by `Row::burst`; empty where it is not looked at.
+    /// What each burst says of a direction, by `Row::burst`.
     pub fn bursts(&self, direction: &Direction) -> Vec<Burst> {
-        let stride = self.data.len().div_ceil(MOST);
         let mut change = Additions::none(self.data.samples);
         direction.add_to(&mut change, 1.0);
         let mut bursts = vec![Burst::default(); self.data.bursts];
         let mut linear = Linear::default();
-        let rows: Vec<usize> = (0..self.data.len())
-            .filter(|&i| self.data.rows[i].burst.is_multiple_of(stride))
-            .collect();
-        for of_channel in rows.chunk_by(|&i, &j| self.data.rows[i].unit == self.data.rows[j].unit) {
-            let says = |&i: &usize| self.says(i, &change, &mut linear);
-            self.add_channel(&of_channel.iter().map(says).collect::<Vec<_>>(), &mut bursts);
+        for of_channel in self.data.channels() {
+            let says = |i| self.says(i, &change, &mut linear);
+            self.add_channel(&of_channel.map(says).collect::<Vec<_>>(), &mut bursts);
         }
         bursts
     }

@@ -21,7 +21,6 @@ use super::model::{Model, PATTERNS, powers};
 use super::observations::Observations;
 use super::tuned::{LINE_BOUND, STANDS_OUT};
 use super::waves::waves;
-use super::whiteness::MOST_WHITENED;
 use inkling_core::model::free_decay::FREE;
 use inkling_core::model::inner_product::dot;
 use inkling_core::model::median::median_of;
@@ -142,16 +141,14 @@ pub fn test(data: &Observations, model: &Model) -> Vec<Candidate> {
     vec![Candidate { surprise: line_surprise, ..tone }, rho, Candidate { surprise, ..growth }]
 }
 
-/// How surprising whitened signals are if their noise was this autoregression; of many signals some are looked
-/// at. `tones`: frequencies of random tones, rad per signal length.
+/// How surprising whitened signals are if their noise was this autoregression. `tones`: frequencies of random tones, rad per signal length.
 pub fn surprise_of(
     noise: &Autoregression,
     data: &Observations,
     model: &Model,
     tones: &[f64],
 ) -> f64 {
-    let every = data.len().div_ceil(MOST_WHITENED).max(1);
-    let mut left: Vec<Residual> = residuals(model, data).into_iter().step_by(every).collect();
+    let mut left = residuals(model, data);
     let n = data.samples;
     tones.iter().for_each(|omega| left.iter_mut().for_each(|left| notch(left, *omega, n)));
     noise.surprise_of(&left)

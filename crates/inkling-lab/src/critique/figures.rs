@@ -20,8 +20,6 @@ const PARAMETERS: [&str; 3] = ["amplitude", "damping", "frequency"];
 /// Number of bins of a covariate; up to so many distinct values get a bin each instead.
 pub const BINS: usize = 8;
 const MOST_DISTINCT: usize = 16;
-/// Largest number of signals whose spectra are averaged, evenly chosen.
-const MOST_SPECTRA: usize = 512;
 
 /// Relative amplitude, ln damping and ln frequency of a signal, less its channel's (`unit`): its own
 /// deviation in the model (`own`) plus the least-squares step that its residual still asks for (from
@@ -53,15 +51,12 @@ struct Residuals {
     /// of white noise of variance one after the same projection.
     power: Vec<f64>,
     of_white: Vec<f64>,
-    /// Number of periodograms.
-    spectra: f64,
 }
 
 fn residuals(model: &Model, data: &Observations) -> Residuals {
     let n = data.samples;
     let (mut sum, mut square) = (vec![0.0; n], vec![0.0; n]);
     let (mut power, mut of_white) = (vec![0.0; n / 2], vec![0.0; n / 2]);
-    let every = data.len().div_ceil(MOST_SPECTRA).max(1);
     let scale = model.scale();
     let each = model.of_each(data, |i, linear| {
         let unit = &model.units[data.rows[i].unit];
@@ -72,17 +67,15 @@ fn residuals(model: &Model, data: &Observations) -> Residuals {
             sum[k] += r;
             square[k] += r * r;
         }
-        if i % every == 0 {
-            // the ring's tangent is projected out; what this takes from white noise at a frequency is the sum
-            // of the periodograms of the orthonormal columns
-            let q = linear.by_free(&scale).qr().q();
-            let mut left = linear.residual.clone();
-            project(&q, &mut left);
-            for (j, (power, of_white)) in power.iter_mut().zip(&mut of_white).enumerate() {
-                *power += of_bin(j, &left);
-                let taken = q.column_iter().map(|c| of_bin(j, c.as_slice())).sum::<f64>();
-                *of_white += (1.0 - taken).max(0.0);
-            }
+        // the ring's tangent is projected out; what this takes from white noise at a frequency is the sum of the
+        // periodograms of the orthonormal columns
+        let q = linear.by_free(&scale).qr().q();
+        let mut left = linear.residual.clone();
+        project(&q, &mut left);
+        for (j, (power, of_white)) in power.iter_mut().zip(&mut of_white).enumerate() {
+            *power += of_bin(j, &left);
+            let taken = q.column_iter().map(|c| of_bin(j, c.as_slice())).sum::<f64>();
+            *of_white += (1.0 - taken).max(0.0);
         }
         let about_mean: [f64; 3] = std::array::from_fn(|j| relative[j] + off[j]);
         (relative, about_mean)
@@ -92,9 +85,8 @@ fn residuals(model: &Model, data: &Observations) -> Residuals {
     let mean: Vec<f64> = sum.iter().map(|s| s / m).collect();
     let variances = square.iter().zip(&mean).map(|(q, mean)| (q / m - mean * mean).max(0.0));
     let se = variances.map(|variance| (variance / m).sqrt()).collect();
-    let spectra = data.len().div_ceil(every) as f64;
-    power.iter_mut().chain(&mut of_white).for_each(|p| *p /= spectra);
-    Residuals { mean, se, within, about_mean, power, of_white, spectra }
+    power.iter_mut().chain(&mut of_white).for_each(|p| *p /= m);
+    Residuals { mean, se, within, about_mean, power, of_white }
 }
 
 /// Periodogram of y at j + 1 periods per signal; that of white noise of variance one is 1 on average.
@@ -118,7 +110,7 @@ pub fn draw(before: &Model, after: &Model, data: &Observations) -> Figures {
         before: mean(&b),
         after: mean(&a),
     };
-    let [low, high] = band_of_means(a.spectra);
+    let [low, high] = band_of_means(data.len() as f64);
     let edge = |by: f64| a.of_white.iter().map(|w| after.noise_var * w * by).collect();
     let power = |r: &Residuals| Curve { y: r.power.clone(), low: edge(low), high: edge(high) };
     let spectrum = Compared {

@@ -24,10 +24,13 @@ use super::matrices::{Matrix5, Vector5, inverse_or_zero};
 use super::model::Model;
 use super::observations::Observations;
 use super::population::{FEWEST_UNITS, MostProbable, Population, Predictor, SHRINKAGE, population};
-use super::whiteness::{Lags, MOST_WHITENED, whiteness_p};
+use super::whiteness::{Lags, whiteness_p};
 use inkling_core::model::free_decay::FREE;
 use inkling_core::model::inner_product::dot;
 use std::iter::Sum;
+
+/// Seed of the drawings: the same for all figures, so that these can be compared.
+const DRAWINGS: u64 = 1;
 
 /// With too few signals, the gain is empty.
 #[derive(Default)]
@@ -51,9 +54,33 @@ pub struct Squares {
 }
 
 impl Squares {
-    pub fn chi2_and_nrmse(self) -> [f64; 2] {
+    fn chi2_and_nrmse(self) -> [f64; 2] {
         let share = self.misfit / self.signal.max(1e-300);
         [self.chi2 / self.samples.max(1.0), 100.0 * share.sqrt()]
+    }
+
+    pub fn misfit(self, whiteness_p: f64) -> Misfit {
+        let [chi2_per_dof, nrmse_percent] = self.chi2_and_nrmse();
+        Misfit { chi2_per_dof, nrmse_percent, whiteness_p }
+    }
+
+    /// What is held out. `groups`: which of `each` are drawn together in resampling. What concerns detection is
+    /// not measured.
+    pub fn figures(each: &[Squares], groups: &[Vec<usize>], whiteness_p: f64) -> GainFigures {
+        let of_some =
+            |chosen: &[usize]| chosen.iter().map(|i| each[*i]).sum::<Squares>().chi2_and_nrmse();
+        let ([chi2_per_dof, nrmse_percent], drawn) = resampled(groups, DRAWINGS, of_some);
+        GainFigures {
+            chi2_per_dof,
+            chi2_per_dof_interval: interval_of(&drawn, 0),
+            nrmse_percent,
+            nrmse_percent_interval: interval_of(&drawn, 1),
+            whiteness_p,
+            threshold: f64::NAN,
+            false_alarms: f64::NAN,
+            detection_auc: f64::NAN,
+            ..GainFigures::default()
+        }
     }
 }
 
@@ -98,7 +125,6 @@ fn judge(model: &Model, data: &Observations, known: bool, lags: bool) -> Vec<Jud
     };
     let mut predictor = Predictor::of(model, data, of_unit);
     let (scale, v) = (model.scale(), model.noise_var);
-    let every = data.len().div_ceil(MOST_WHITENED).max(1);
     let n = data.samples;
     (0..data.len())
         .map(|i| {
@@ -115,8 +141,7 @@ fn judge(model: &Model, data: &Observations, known: bool, lags: bool) -> Vec<Jud
             // least squares: one Gauss-Newton step, without the prior, from the most probable parameters
             let off = about + inverse * product;
             let metric = inverse_or_zero(inverse * v + spread);
-            let white = (lags && i.is_multiple_of(every))
-                .then(|| Lags::of(r.clone(), &linear.by_free(&scale).qr().q()));
+            let white = lags.then(|| Lags::of(r.clone(), &linear.by_free(&scale).qr().q()));
             let y = data.signal(i);
             let centre = y.iter().map(|y| f64::from(*y)).sum::<f64>() / n as f64;
             let signal = y.iter().map(|y| (f64::from(*y) - centre).powi(2)).sum();
@@ -186,35 +211,29 @@ fn figures(
     // gain by it.
     let faulty: Vec<[f64; 2]> =
         judged.iter().map(|j| [fault, -fault].map(|fault| j.statistic(fault))).collect();
-    let of_some = |chosen: &[usize]| -> [f64; 4] {
+    let of_some = |chosen: &[usize]| -> [f64; 2] {
         let alarms = chosen.iter().filter(|&&i| healthy[i] > threshold).count() as f64;
-        let squares: Squares = chosen.iter().map(|&i| judged[i].squares).sum();
-        let [chi2, nrmse] = squares.chi2_and_nrmse();
         let auc = auc(
             &chosen.iter().map(|&i| healthy[i]).collect::<Vec<f64>>(),
             &chosen.iter().flat_map(|&i| faulty[i]).collect::<Vec<f64>>(),
         );
-        [chi2, nrmse, alarms / chosen.len().max(1) as f64, auc]
+        [alarms / chosen.len().max(1) as f64, auc]
     };
     let groups = by_channel(judged.iter().map(|j| j.unit));
-    let ([chi2_per_dof, nrmse_percent, false_alarms, detection_auc], drawn) =
-        resampled(&groups, 1, of_some);
+    let ([false_alarms, detection_auc], drawn) = resampled(&groups, DRAWINGS, of_some);
     // Resampling gives no alarm at all an interval of length zero. So the upper end is at least the 95 %
     // upper bound of the rate where none was seen in so many independent signals.
     let none = 1.0 - 0.05_f64.powf(1.0 / healthy.len() as f64);
+    let squares: Vec<Squares> = judged.iter().map(|j| j.squares).collect();
     let figures = GainFigures {
-        chi2_per_dof,
-        chi2_per_dof_interval: interval_of(&drawn, 0),
-        nrmse_percent,
-        nrmse_percent_interval: interval_of(&drawn, 1),
-        whiteness_p: whiteness(&judged),
         threshold,
         false_alarms,
-        false_alarms_interval: interval_of(&drawn, 2).map(|[low, high]| [low, high.max(none)]),
+        false_alarms_interval: interval_of(&drawn, 0).map(|[low, high]| [low, high.max(none)]),
         detection_auc,
-        detection_auc_interval: interval_of(&drawn, 3),
+        detection_auc_interval: interval_of(&drawn, 1),
+        ..Squares::figures(&squares, &groups, whiteness(&judged))
     };
-    let aucs = drawn.iter().map(|of| of[3]).collect();
+    let aucs = drawn.iter().map(|of| of[1]).collect();
     (figures, aucs)
 }
 
@@ -224,8 +243,7 @@ pub fn measure(before: &Model, causes: &[Applied], setting: Setting) -> Measured
     let data = setting.data;
     let all = judge(before, data, true, true);
     let squares: Squares = all.iter().map(|judged| judged.squares).sum();
-    let [chi2_per_dof, nrmse_percent] = squares.chi2_and_nrmse();
-    let misfit = Misfit { chi2_per_dof, nrmse_percent, whiteness_p: whiteness(&all) };
+    let misfit = squares.misfit(whiteness(&all));
     let mut measured = Measured { misfit, ..Measured::default() };
 
     let by_channel = data.units >= FEWEST_UNITS;

@@ -21,8 +21,7 @@ use inkling_core::model::median::{median, median_of, robust_sd};
 use inkling_core::numbers::LITTLE;
 use std::ops::Range;
 
-/// Largest number of channels that a trend is estimated from, and fewest pairs of channels that this takes.
-const MOST_CHANNELS: usize = 256;
+/// Fewest pairs of channels that a trend is estimated from.
 const FEWEST_SLOPES: usize = 15;
 /// Least scatter of healthy channels in ln damping, ln frequency and ln amplitude, as a multiple of
 /// `least_scatter`. (Nobody wrote down what these were tuned on.)
@@ -34,8 +33,7 @@ fn trend(data: &Observations, features: &[[f64; 3]], j: usize) -> f64 {
     let of_channel = |rows: Range<usize>| {
         (data.beside.z[rows.start][POSITION], median_of(rows.map(|i| features[i][j])))
     };
-    let channels = data.channels().step_by(data.units.div_ceil(MOST_CHANNELS).max(1));
-    let at: Vec<(f64, f64)> = channels.map(of_channel).collect();
+    let at: Vec<(f64, f64)> = data.channels().map(of_channel).collect();
     let mut slopes = Vec::new();
     for (k, p) in at.iter().enumerate() {
         let later = at[k + 1..].iter().filter(|q| q.0 != p.0);

@@ -192,23 +192,25 @@ impl Interior {
     /// one: `samples` samples over one signal length, counts.
     pub fn decay(&self, term: Option<(Term, f64)>, drive: f64, samples: usize) -> Vec<f64> {
         let strengths = self.strengths(term, drive, samples);
+        let path = self.path(&strengths, drive, samples);
+        path.into_iter().map(|[_, q_r, q_n, _]| q_r + q_n).collect()
+    }
 
+    /// The state (V, q_r, q_n, V_n) at each sample; V_n, on which only the meniscus acts, counts from t_a.
+    fn path(&self, strengths: &Strengths, drive: f64, samples: usize) -> Vec<[f64; 4]> {
         let steps = STEPS.max((self.decay.omega / samples as f64 / RADIANS).ceil() as usize);
         let h = 1.0 / (samples * steps) as f64;
-
-        // the state is proportional to the drive; V_n, on which only the meniscus acts, counts from
-        // t_a
         let [v, q_r, q_n] = self.state.map(|x| x * drive);
         let mut x = [v, q_r, q_n, 0.0];
-        let mut out = Vec::with_capacity(samples);
-        for sample in 0..samples {
-            out.push(x[1] + x[2]);
+        let each = (0..samples).map(|sample| {
+            let now = x;
             for step in 0..steps {
                 let t = (sample * steps + step) as f64 * h;
-                x = runge_kutta(x, t, h, |x, t| self.slope(&strengths, x, t));
+                x = runge_kutta(x, t, h, |x, t| self.slope(strengths, x, t));
             }
-        }
-        out
+            now
+        });
+        each.collect()
     }
 
     fn strengths(&self, term: Option<(Term, f64)>, drive: f64, samples: usize) -> Strengths {
@@ -229,7 +231,8 @@ impl Interior {
             Some((Term::Stop { at }, e)) => (of.stop, of.at) = (e, at * stiff),
             Some((Term::Gap, e)) => of.gap = e * stiff,
             Some((Term::FractionalDamping, e)) => {
-                of.memory = Some(self.memory_force(e, drive, samples));
+                let linear = self.path(&of, drive, samples);
+                of.memory = Some(self.memory_force(e, linear.iter().map(|x| x[2]).collect()));
             }
             None => {}
         }
@@ -252,9 +255,8 @@ impl Interior {
     /// sqrt(pi h) times the sum over j of (sqrt(j + 1) - sqrt(j)) (q_{k-j} - q_{k-j-1}). q is the
     /// flow without the term, so the force is right to first order in e, and no integral equation
     /// has to be solved.
-    fn memory_force(&self, e: f64, drive: f64, samples: usize) -> Vec<f64> {
-        let flow = self.nozzle_flow(drive, samples);
-        let loss = self.channel.d_per_s;
+    fn memory_force(&self, e: f64, flow: Vec<f64>) -> Vec<f64> {
+        let (samples, loss) = (flow.len(), self.channel.d_per_s);
         let h = 1.0 / samples as f64;
         let scale = 2.0 / PI.sqrt() / h.sqrt();
         let weight: Vec<f64> =
@@ -267,15 +269,6 @@ impl Interior {
                 -e * loss * (half / self.decay.omega.sqrt() - flow[k])
             })
             .collect()
-    }
-
-    /// Flow q_n through the nozzle of an ink channel without any term, one value per sample.
-    fn nozzle_flow(&self, drive: f64, samples: usize) -> Vec<f64> {
-        let [v, q_r, q_n] = self.state;
-        let step = self.channel.transition(1.0 / samples as f64);
-        // how V is divided between V_r and V_n does not matter to the flows
-        let x = nalgebra::Vector4::new(v, 0.0, q_r, q_n) * drive;
-        std::iter::successors(Some(x), |x| Some(step * x)).map(|x| x[3]).take(samples).collect()
     }
 }
 

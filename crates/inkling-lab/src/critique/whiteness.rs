@@ -21,8 +21,6 @@ use nalgebra::{DMatrix, DVector};
 
 /// Largest number of lags; short signals have a quarter of their length.
 const LAGS: usize = 10;
-/// Of more signals than this only every second, third, .. is tested.
-pub const MOST_WHITENED: usize = 2048;
 
 #[derive(Clone)]
 pub struct Lags {

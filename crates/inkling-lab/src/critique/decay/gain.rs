@@ -14,9 +14,7 @@ use super::plant::{OMEGA, SIGMA};
 use super::selection::Selected;
 use super::stretches::Stretches;
 use super::{spectrum, worth};
-use crate::critique::chance::{
-    ONCE_IN_100, interval_of, resampled, surprise_of_count, without_a_name,
-};
+use crate::critique::chance::{ONCE_IN_100, surprise_of_count, without_a_name};
 use crate::critique::figures::{BINS, band_of_means, in_bins};
 use crate::critique::finding::{
     Compared, CovariateFigure, Curve, Figures, Gain, GainFigures, HeldOut, Misfit,
@@ -89,30 +87,18 @@ fn squares(
     Squares { chi2, misfit, signal, samples: of.len() as f64 }
 }
 
-/// Figures of a misfit on the held-out stretches, one [`Squares`] for each stretch of each series.
-/// `sds`: as of `squares`. What concerns detection is NaN.
+/// Figures of a misfit on the held-out stretches, one [`Squares`] for each stretch of each series. `sds`: as
+/// of `squares`.
 fn figures(decays: &Decays, misfit: &[f64], sds: &[f64]) -> GainFigures {
-    let series = decays.bursts * decays.outputs;
-    let of_stretch = |of: Range<usize>| {
-        (0..series).map(move |series| squares(decays, misfit, sds, series, of.clone()))
+    let stretches = Stretches::of(decays).ranges(true);
+    let series = 0..decays.bursts * decays.outputs;
+    let of = |range: &Range<usize>| {
+        let range = range.clone();
+        series.clone().map(move |series| squares(decays, misfit, sds, series, range.clone()))
     };
-    let each: Vec<Squares> =
-        Stretches::of(decays).ranges(true).into_iter().flat_map(of_stretch).collect();
-    let total =
-        |chosen: &[usize]| chosen.iter().map(|i| each[*i]).sum::<Squares>().chi2_and_nrmse();
+    let each: Vec<Squares> = stretches.iter().flat_map(of).collect();
     let alone: Vec<Vec<usize>> = (0..each.len()).map(|i| vec![i]).collect();
-    let ([chi2_per_dof, nrmse_percent], drawn) = resampled(&alone, 1, total);
-    GainFigures {
-        chi2_per_dof,
-        chi2_per_dof_interval: interval_of(&drawn, 0),
-        nrmse_percent,
-        nrmse_percent_interval: interval_of(&drawn, 1),
-        whiteness_p: whiteness(misfit, decays, &Stretches::of(decays).ranges(true)),
-        threshold: f64::NAN,
-        false_alarms: f64::NAN,
-        detection_auc: f64::NAN,
-        ..GainFigures::default()
-    }
+    Squares::figures(&each, &alone, whiteness(misfit, decays, &stretches))
 }
 
 /// `Misfit`: of the baseline on all samples, in the noise that the final model leaves there.
@@ -123,9 +109,7 @@ pub fn measure(selected: &Selected) -> (Misfit, Gain) {
     let sds = selected.fit.sizes();
     let series = 0..decays.bursts * decays.outputs;
     let all: Squares = series.map(|series| squares(decays, &before, &sds, series, 0..n)).sum();
-    let [chi2_per_dof, nrmse_percent] = all.chi2_and_nrmse();
-    let whiteness_p = whiteness(&before, decays, std::slice::from_ref(&(0..n)));
-    let misfit = Misfit { chi2_per_dof, nrmse_percent, whiteness_p };
+    let misfit = all.misfit(whiteness(&before, decays, std::slice::from_ref(&(0..n))));
 
     let stretches = Stretches::of(decays);
     let noise = stretches.noise(&sds);
