@@ -9,6 +9,7 @@ use super::covariates::{Covariates, IDLE, NEIGHBOURS, POSITION, TEMPERATURE, TIM
 use super::observations::Observations;
 use super::tuned::{LAGS, PLACES, SETTLES};
 use crate::critique::unmodelled::Term;
+use inkling_core::model::free_decay::Theta;
 use serde::Serialize;
 use std::fmt;
 
@@ -101,7 +102,7 @@ pub enum Acts {
     /// It adds a shape in time to the mean signal.
     Mean(Shape),
     /// A covariate moves damping, frequency or all rates of a signal.
-    Rates { covariate: usize, which: Rates, per: Per },
+    Rates { covariate: usize, moves: Theta, per: Per },
     /// A covariate adds a share of the ring to the signal, at any phase.
     Ring { covariate: usize },
     /// A later part of the previous ring is added to the signal.
@@ -145,15 +146,11 @@ pub struct Motion {
     pub strengths: [f64; 2],
 }
 
-#[derive(Clone, Copy, Debug)]
-pub enum Rates {
-    /// All losses by one share.
-    Damping,
-    /// Both stiffnesses by one share, and so the frequency.
-    Stiffness,
-    /// All rates by one share.
-    All,
-}
+/// Change of theta per relative change of the damping (all losses), of the frequency (both stiffnesses), or of all
+/// rates. The real pole follows the damping, since the last parameter is relative to it.
+const DAMPING: Theta = Theta::new(1.0, 0.0, 0.0, 0.0, 0.0, 0.0);
+const FREQUENCY: Theta = Theta::new(0.0, 1.0, 0.0, 0.0, 0.0, 0.0);
+const ALL_RATES: Theta = Theta::new(1.0, 1.0, 0.0, 0.0, 0.0, 0.0);
 
 #[derive(Clone, Copy, Debug)]
 pub enum Per {
@@ -210,8 +207,8 @@ const fn motion(term: Term, power: i32, strengths: [f64; 2]) -> Acts {
     Acts::Mean(Shape::Motion(Motion { term, power, strengths }))
 }
 
-const fn rates(covariate: usize, which: Rates, per: Per) -> Acts {
-    Acts::Rates { covariate, which, per }
+const fn rates(covariate: usize, moves: Theta, per: Per) -> Acts {
+    Acts::Rates { covariate, moves, per }
 }
 
 const INK_CHANNEL: InDecays = InDecays::Needs("the ink channel's equations");
@@ -290,21 +287,21 @@ pub static CATALOGUE: [Entry; 22] = [
     Entry { id: CauseId::Temperature, name: "temperature", parameter: "damping_change", unit: "1/K", needs: Needs::Temperature,
         words: "damping follows the ink's temperature",
         equation: "; R becomes R (1 + beta (T - mean T))",
-        acts: rates(TEMPERATURE, Rates::Damping, Per::Unit), split_by: Experiment::HeatTheInk,
+        acts: rates(TEMPERATURE, DAMPING, Per::Unit), split_by: Experiment::HeatTheInk,
         in_decays: InDecays::Needs("temperature_c, recorded in many bursts"), ..MOST },
     Entry { id: CauseId::Ageing, name: "ageing", parameter: "damping_change", needs: Needs::Time,
         words: "damping drifts over the recording",
         equation: "; R becomes R (1 + a t/run)",
-        acts: rates(TIME, Rates::Damping, Per::Span), split_by: Experiment::HeatTheInk,
+        acts: rates(TIME, DAMPING, Per::Span), split_by: Experiment::HeatTheInk,
         in_decays: SEVERAL_TIMES, ..MOST },
     Entry { id: CauseId::PositionGradient, name: "position_gradient", parameter: "frequency_change", needs: Needs::Channels,
         words: "the resonance changes along the printhead",
-        equation: "; 1/B_t changes along the channels", acts: rates(POSITION, Rates::Stiffness, Per::Span),
+        equation: "; 1/B_t changes along the channels", acts: rates(POSITION, FREQUENCY, Per::Span),
         in_decays: InDecays::Needs("six channels or more, one oscillator each"), ..MOST },
     Entry { id: CauseId::ClockDrift, name: "clock_drift", parameter: "rate_change", needs: Needs::Time,
         words: "all rates drift together: the sampling clock drifts",
         equation: "; t becomes t (1 + eps t/run)",
-        acts: rates(TIME, Rates::All, Per::Span), split_by: Experiment::HeatTheInk,
+        acts: rates(TIME, ALL_RATES, Per::Span), split_by: Experiment::HeatTheInk,
         in_decays: SEVERAL_TIMES, ..MOST },
     Entry { id: CauseId::CorrelatedNoise, name: "correlated_noise", parameter: "rho",
         words: "the noise of neighbouring samples is correlated",

@@ -36,7 +36,7 @@ const FARTHEST: f64 = 4.0;
 /// Writes what is accepted to the model.
 pub fn test(data: &Observations, model: &mut Model) -> Vec<Candidate> {
     let sd = model.noise_var.sqrt();
-    let expected = expected(data, model);
+    let expected = model.of_each(data, |i, linear| linear.expected(data.signal(i))).concat();
     let mut codes = vec![Codes::default(); data.printheads.len()];
     let (mut clippings, mut steps) = (Vec::new(), Vec::new());
     let mut from = 0;
@@ -75,10 +75,6 @@ fn most_surprising(all: Vec<Candidate>, id: CauseId) -> Candidate {
         p.accepted().cmp(&q.accepted()).then(p.surprise.total_cmp(&q.surprise))
     };
     all.into_iter().rev().max_by(by_rank).unwrap_or_else(|| Candidate::nothing(id))
-}
-
-fn expected(data: &Observations, model: &Model) -> Vec<f64> {
-    model.of_each(data, |i, linear| linear.expected(data.signal(i))).concat()
 }
 
 /// Marks the samples that may be clipped, and those after them, which whitening mixes with them, as lost.

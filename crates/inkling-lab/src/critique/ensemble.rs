@@ -51,30 +51,18 @@ fn residuals(model: &Model, data: &Observations) -> Vec<Residual> {
         expected: linear.expected(data.signal(i)),
     });
 
-    let powers = |i: usize| powers(data.beside.drive[i]);
     let used = if data.beside.drive_scan { PATTERNS } else { 1 };
-    let mut gram = DMatrix::<f64>::identity(used, used) * 1e-9;
-    let mut sums = DMatrix::<f64>::zeros(used, n);
-    for (i, left) in all.iter().enumerate() {
-        let p = powers(i);
-        for a in 0..used {
-            for b in 0..used {
-                gram[(a, b)] += p[a] * p[b];
-            }
-            for (k, u) in left.u.iter().enumerate() {
-                sums[(a, k)] += p[a] * u;
-            }
-        }
-    }
-    let mean = gram.cholesky().map_or(DMatrix::zeros(used, n), |c| c.solve(&sums));
+    let drives = DMatrix::from_fn(data.len(), used, |i, a| powers(data.beside.drive[i])[a]);
+    let left = DMatrix::from_fn(data.len(), n, |i, k| all[i].u[k]);
+    let gram = drives.tr_mul(&drives) + DMatrix::identity(used, used) * 1e-9;
+    let mean = gram.cholesky().map(|c| c.solve(&drives.tr_mul(&left)));
+    let common = mean.map_or(DMatrix::zeros(data.len(), n), |mean| drives * mean);
 
     // The common part is one more column of Q, and is not subtracted as it is, because each signal has an
     // amount of its own of it.
-    for (i, left) in all.iter_mut().enumerate() {
-        let p = powers(i);
-        let common = |k: usize, _| (0..used).map(|a| p[a] * mean[(a, k)]).sum::<f64>();
+    for (left, common) in all.iter_mut().zip(common.row_iter()) {
         let mut j = left.q.clone().resize_horizontally(TAKEN, 0.0);
-        j.set_column(FREE, &DMatrix::from_fn(n, 1, common).column(0));
+        j.set_column(FREE, &common.transpose());
         left.q = j.qr().q();
         project(&left.q, &mut left.u);
     }

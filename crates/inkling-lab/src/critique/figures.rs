@@ -7,7 +7,7 @@
 //! covariate (`against`).
 
 use super::covariates::{COVARIATES, IDLE, NAMES, POSITION, UNITS};
-use super::ensemble::project;
+use super::ensemble::{mean_of, project};
 use super::finding::{Compared, CovariateFigure, Curve, Figures};
 use super::matrices::{Matrix5, Vector5, inverse_or_zero};
 use super::model::{Linear, Model, free_products};
@@ -55,18 +55,12 @@ struct Residuals {
 
 fn residuals(model: &Model, data: &Observations) -> Residuals {
     let n = data.samples;
-    let (mut sum, mut square) = (vec![0.0; n], vec![0.0; n]);
     let (mut power, mut of_white) = (vec![0.0; n / 2], vec![0.0; n / 2]);
     let scale = model.scale();
     let each = model.of_each(data, |i, linear| {
         let unit = &model.units[data.rows[i].unit];
         let relative = about_channel(unit, &model.each[i], linear, &scale);
         let off = about_population(unit, &model.mean, &scale);
-        for k in 0..n {
-            let r = linear.residual[k];
-            sum[k] += r;
-            square[k] += r * r;
-        }
         // the ring's tangent is projected out; what this takes from white noise at a frequency is the sum of the
         // periodograms of the orthonormal columns
         let q = linear.by_free(&scale).qr().q();
@@ -81,11 +75,10 @@ fn residuals(model: &Model, data: &Observations) -> Residuals {
         (relative, about_mean)
     });
     let (within, about_mean) = each.into_iter().unzip();
-    let m = data.len() as f64;
-    let mean: Vec<f64> = sum.iter().map(|s| s / m).collect();
-    let variances = square.iter().zip(&mean).map(|(q, mean)| (q / m - mean * mean).max(0.0));
-    let se = variances.map(|variance| (variance / m).sqrt()).collect();
-    power.iter_mut().chain(&mut of_white).for_each(|p| *p /= m);
+    let misfits = model.of_each(data, |_, linear| linear.residual.clone());
+    let at = |k: usize| mean_of(&misfits.iter().map(|r| r[k]).collect::<Vec<f64>>());
+    let (mean, se) = (0..n).map(at).unzip();
+    power.iter_mut().chain(&mut of_white).for_each(|p| *p /= data.len() as f64);
     Residuals { mean, se, within, about_mean, power, of_white }
 }
 

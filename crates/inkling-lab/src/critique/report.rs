@@ -181,22 +181,17 @@ fn gain(gain: &Gain) -> String {
         let text = if *name == WHITENESS { chance(value(g)) } else { short(value(g)) };
         escaped(&(text + &interval(g).map(in_brackets).unwrap_or_default()))
     };
-    let name = |row: &GainRow| row.0.to_owned();
-    let heading = if one { "How well the model predicts" } else { "What the extension buys" };
+    let (heading, heads) = match one {
+        true => ("How well the model predicts", &["", ">on these signals"][..]),
+        false => ("What the extension buys", &["", ">before", ">after"][..]),
+    };
+    // a cell without a head, where there is but one column, is not shown
+    let row = |row: &GainRow| [row.0.to_owned(), cell(row, before), cell(row, after)];
     [
         format!("<h2>{heading}</h2>\n"),
         note(&held_out(held)),
         note(&OF_GAIN.replace("FAULT_SD", &FAULT.to_string())),
-        match one {
-            true => {
-                table("", &["", ">on these signals"], rows().map(|r| [name(r), cell(r, before)]))
-            }
-            false => table(
-                "",
-                &["", ">before", ">after"],
-                rows().map(|r| [name(r), cell(r, before), cell(r, after)]),
-            ),
-        },
+        table("", heads, rows().map(row)),
         of_detection(gain, one),
     ]
     .concat()

@@ -22,6 +22,16 @@ pub fn power_at(omega: f64, y: &[f64]) -> f64 {
     re * re + im * im
 }
 
+/// cos(w t) and sin(w t)/w with w² = `square`; cosh and sinh where that is negative.
+pub fn swing(square: f64, t: f64) -> [f64; 2] {
+    let w = square.abs().sqrt();
+    match square {
+        _ if w * t <= 1e-9 => [1.0, t],
+        q if q > 0.0 => [(w * t).cos(), (w * t).sin() / w],
+        _ => [(w * t).cosh(), (w * t).sinh() / w],
+    }
+}
+
 /// Calls `each` with the damped cosine and sine of each sample, starting with (1, 0).
 fn turn(sigma: f64, omega: f64, samples: usize, mut each: impl FnMut(f64, f64)) {
     let fall = (-sigma).exp();

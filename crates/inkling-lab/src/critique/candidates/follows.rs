@@ -14,28 +14,18 @@
 //!   free in addition (`on_rates`);
 //! - channels are few, so a trend along them is judged by Student's t (`against_rest`).
 
-use super::{Applied, ScoreTests, Scored};
-use crate::critique::catalogue::{CauseId, Per, Rates};
+use super::{ScoreTests, Scored};
+use crate::critique::catalogue::{CauseId, Per};
 use crate::critique::chance::{HINT, ONCE_IN_100, surprise};
 use crate::critique::covariates::{COVARIATES, Covariates, POSITION};
 use crate::critique::objection::Objection;
 use crate::critique::space::Direction;
-use inkling_core::model::free_decay::ALL;
+use inkling_core::model::free_decay::{ALL, Theta};
 use inkling_core::model::student::student_quantile;
 use nalgebra::{Complex, DVector};
 
 /// Ways in which a covariate is tested on damping or frequency (`on_rates`).
 const WAYS: f64 = 2.0;
-
-/// Change of theta per relative change of the damping, of the frequency, or of all rates. The real pole follows
-/// the damping, since the last parameter is relative to it.
-fn direction(rates: Rates) -> [f64; ALL] {
-    match rates {
-        Rates::Damping => [1.0, 0.0, 0.0, 0.0, 0.0, 0.0],
-        Rates::Stiffness => [0.0, 1.0, 0.0, 0.0, 0.0, 0.0],
-        Rates::All => [1.0, 1.0, 0.0, 0.0, 0.0, 0.0],
-    }
-}
 
 /// Test of one parameter against one covariate, by their indices: of `covariates.rs`; and of theta without
 /// the real pole's rate, with the pair's amplitude and phase in place of its cosine and sine.
@@ -54,15 +44,15 @@ impl ScoreTests<'_> {
         &self,
         id: CauseId,
         covariate: usize,
-        which: Rates,
+        moves: Theta,
         per: Per,
     ) -> Option<Scored> {
         let Covariates { sd, span, .. } = &self.data.beside;
         match per {
-            Per::Unit => self.on_rates(id, covariate, which, 1.0 / sd[covariate]),
+            Per::Unit => self.on_rates(id, covariate, moves, 1.0 / sd[covariate]),
             Per::Span => {
                 let span = span[covariate] / sd[covariate];
-                self.on_rates(id, covariate, which, span).map(relative)
+                self.on_rates(id, covariate, moves, span).map(relative)
             }
         }
     }
@@ -83,30 +73,19 @@ impl ScoreTests<'_> {
         // by how much the size of the share grows with each of the two coefficients
         let outward = (share / share.norm()).conj() / (left * left) / sd[covariate];
         let slope = DVector::from(vec![outward.re, -outward.im]);
-        let degrees = both.len();
-        let form = Applied::rigid(id, both, tested.coefficients);
-        Some(Scored {
-            degrees,
-            surprise: surprise(tested.statistic, degrees, 1.0, self.dof(false)),
-            value: share.norm(),
-            sd: slope.dot(&(&tested.covariance * &slope)).sqrt(),
-            ..Scored::plain(id, tested.statistic, Applied { shape: share.arg(), ..form })
-        })
+        let sd = slope.dot(&(&tested.covariance * &slope)).sqrt();
+        let surprise = surprise(tested.statistic, both.len(), 1.0, self.dof(false));
+        let scored = self.shaped(id, tested, both, share.arg(), 1.0);
+        Some(Scored { value: share.norm(), sd, surprise, ..scored })
     }
 
     /// Tests the tail of the previous ring. The value is the share of the signal's own ring, later
     /// by the idle time, that is added to it.
     pub(super) fn previous_ring(&self, id: CauseId) -> Option<Scored> {
-        let tail = vec![Direction::tail(self.samples)];
-        let tested = self.nuisances.covariates.test(&tail)?;
-        let (value, sd) = (tested.coefficients[0], tested.covariance[(0, 0)].sqrt());
-        let form = Applied::rigid(id, tail, tested.coefficients);
-        Some(Scored {
-            surprise: surprise(tested.statistic, 1, 1.0, self.dof(false)),
-            value: self.model.added.tail_gain + value,
-            sd,
-            ..Scored::plain(id, tested.statistic, form)
-        })
+        let scored = self.fixed(id, Direction::tail(self.samples))?;
+        let surprise = surprise(scored.statistic, 1, 1.0, self.dof(false));
+        let value = self.model.added.tail_gain + scored.value;
+        Some(Scored { value, surprise, ..scored })
     }
 
     /// The acquisition state may follow the covariate, too, as far as what came before t_a lets it. So the
@@ -115,24 +94,19 @@ impl ScoreTests<'_> {
     /// estimated with the amplitudes free, and must be 2.576 standard errors from 0. `unit` turns the coefficient,
     /// which is per standard deviation of the covariate, into the catalogue's unit. `None`: the covariate was not
     /// recorded or does not vary, or the nuisance holds the direction already.
-    fn on_rates(&self, id: CauseId, which: usize, rates: Rates, unit: f64) -> Option<Scored> {
+    fn on_rates(&self, id: CauseId, which: usize, moves: Theta, unit: f64) -> Option<Scored> {
         if !self.data.beside.present[which] {
             return None;
         }
-        let plain = direction(rates);
+        let plain: [f64; ALL] = moves.into();
         let alone = vec![Direction::covariate(self.samples, which, plain)];
         let tested = self.nuisances.covariates.test(&alone)?;
         let statistic = self.against_rest(which, tested.statistic);
         let dof = self.dof(which == POSITION);
         let (value, sd) = (tested.coefficients[0] * unit, tested.covariance[(0, 0)].sqrt() * unit);
-        let form = Applied::rigid(id, alone, tested.coefficients);
-        let mut best = Scored {
-            value,
-            sd,
-            tried: WAYS,
-            surprise: surprise(statistic, 1, WAYS, dof),
-            ..Scored::plain(id, statistic, form)
-        };
+        let surprised = surprise(statistic, 1, WAYS, dof);
+        let tested = self.shaped(id, tested, alone, 0.0, WAYS);
+        let mut best = Scored { value, sd, statistic, surprise: surprised, ..tested };
 
         let amplitude = self.model.amplitude();
         let along = |v| Direction::covariate(self.samples, which, v);

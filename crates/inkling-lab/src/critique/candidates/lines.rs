@@ -15,6 +15,7 @@ use crate::critique::objection::Objection;
 use crate::critique::space::Direction;
 use crate::critique::tuned::{LEAST_MODE, MENISCUS, OTHER_LOSS, SHOWS_ITS_LOSS, SPLIT, TIE};
 use crate::critique::unmodelled::Interior;
+use crate::critique::waves::swing;
 use inkling_core::model::InkChannel;
 use inkling_core::numbers::LITTLE;
 use std::f64::consts::{PI, TAU};
@@ -155,11 +156,11 @@ impl ScoreTests<'_> {
         let columns = |m: f64, loss: f64| {
             let (gamma, square) = slow_mode(&channel, m);
             let (gamma, square) = (loss * gamma, square + gamma * gamma * (1.0 - loss * loss));
-            let wave = |of: fn(f64, f64, f64) -> f64| {
-                let y = (0..n).map(|k| of(k as f64 / n as f64, gamma, square)).collect();
-                Direction::shape(1, y)
+            let wave = |which: usize| {
+                let at = |t: f64| (-gamma * t).exp() * swing(square, t)[which];
+                Direction::shape(1, (0..n).map(|k| at(k as f64 / n as f64)).collect())
             };
-            [wave(slow_cosine), wave(slow_sine)]
+            [wave(0), wave(1)]
         };
         let (low, high) = MENISCUS;
         let search = |near: Option<f64>, loss: f64| {
@@ -209,18 +210,6 @@ fn slow_mode(channel: &InkChannel, m: f64) -> (f64, f64) {
         (u, v) = ((c1 - p * v) / q, c0 / q);
     }
     (0.5 * u, v - 0.25 * u * u)
-}
-
-/// e^{-gamma t} cos w t with w² = `square`; cosh where that is negative.
-fn slow_cosine(t: f64, gamma: f64, square: f64) -> f64 {
-    let root = square.abs().sqrt();
-    (-gamma * t).exp() * if square > 0.0 { (root * t).cos() } else { (root * t).cosh() }
-}
-
-/// e^{-gamma t} sin(w t) / w; sinh where w² is negative.
-fn slow_sine(t: f64, gamma: f64, square: f64) -> f64 {
-    let root = square.abs().sqrt().max(1e-9);
-    (-gamma * t).exp() / root * if square > 0.0 { (root * t).sin() } else { (root * t).sinh() }
 }
 
 #[cfg(test)]

@@ -137,7 +137,7 @@ impl<'a> ScoreTests<'a> {
     fn as_if_independent(&self, id: CauseId, near: Option<&Applied>) -> Option<Scored> {
         match id.row().acts {
             Acts::Mean(shape) => self.on_the_mean(id, shape, near),
-            Acts::Rates { covariate, which, per } => self.rates(id, covariate, which, per),
+            Acts::Rates { covariate, moves, per } => self.rates(id, covariate, moves, per),
             Acts::Ring { covariate } => self.added_ring(id, covariate),
             Acts::PreviousRing => self.previous_ring(id),
             Acts::Noise | Acts::Trigger | Acts::Codes => None,
@@ -174,7 +174,7 @@ impl<'a> ScoreTests<'a> {
     /// Tests one direction that has no shape parameter; the value is the coefficient.
     fn fixed(&self, id: CauseId, direction: Direction) -> Option<Scored> {
         let directions = vec![direction];
-        let tested = self.nuisances.shapes.test(&directions)?;
+        let tested = self.nuisances.of(id).test(&directions)?;
         let (value, sd) = (tested.coefficients[0], tested.covariance[(0, 0)].sqrt());
         if !value.is_finite() || !tested.statistic.is_finite() {
             return None;

@@ -41,11 +41,7 @@ fn first_swings(omega: f64) -> usize {
 /// Sum of the periodograms of the misfits of all bursts and outputs, each without its mean, over the
 /// root mean square of what its output then has.
 pub fn misfit_power(misfit: &[f64], decays: &Decays) -> Vec<f64> {
-    let mut centred = misfit.to_vec();
-    for series in centred.chunks_mut(decays.samples) {
-        let mean = series.iter().sum::<f64>() / series.len() as f64;
-        series.iter_mut().for_each(|r| *r -= mean);
-    }
+    let centred = decays.centred(misfit);
     let sizes = sizes(&centred, decays);
     let scaled = |(i, series): (usize, &[f64])| -> Vec<f64> {
         series.iter().map(|r| r / sizes[i % decays.outputs]).collect()

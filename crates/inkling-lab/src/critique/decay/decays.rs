@@ -4,6 +4,7 @@
 //! order of their times (of many a few), every output divided by its largest deviation from its mean (which
 //! is not subtracted), the output with the largest variance first: it counts as the displacement.
 
+use super::noise::sizes;
 use crate::critique::observations::Observations;
 use crate::critique::outcome::CritiqueError;
 use crate::critique::work::Work;
@@ -106,15 +107,19 @@ impl Decays {
         Decays { samples: self.samples - skipped, y, ..self.clone() }
     }
 
+    /// Values (ordered as `y`), less the mean of each series.
+    pub fn centred(&self, values: &[f64]) -> Vec<f64> {
+        let mut centred = values.to_vec();
+        for series in centred.chunks_mut(self.samples) {
+            let mean = series.iter().sum::<f64>() / series.len() as f64;
+            series.iter_mut().for_each(|v| *v -= mean);
+        }
+        centred
+    }
+
     /// Root mean square of each output about its mean in each burst.
     pub fn movement(&self) -> Vec<f64> {
-        let square = |y: &[f64]| {
-            let mean = y.iter().sum::<f64>() / y.len() as f64;
-            y.iter().map(|v| (v - mean).powi(2)).sum::<f64>()
-        };
-        let of_output = |o: usize| self.of_output(&self.y, o).map(square).sum::<f64>();
-        let count = (self.samples * self.bursts) as f64;
-        (0..self.outputs).map(|o| (of_output(o) / count).sqrt().max(1e-12)).collect()
+        sizes(&self.centred(&self.y), self)
     }
 
     /// Logarithm of the number of samples: the price of a parameter in the Bayesian information criterion.

@@ -69,34 +69,27 @@ pub fn uneven(misfit: &[f64], decays: &Decays) -> Option<usize> {
     (most > without_a_name(looks)).then_some(at)
 }
 
-/// Sums of squares over the samples `of` of the series with index `series`; `sds`: standard
-/// deviation of each output's noise, in the scale of the decays.
-fn squares(
-    decays: &Decays,
-    misfit: &[f64],
-    sds: &[f64],
-    series: usize,
-    of: Range<usize>,
-) -> Squares {
-    let own = |y: &'_ [f64]| y[series * decays.samples..][..decays.samples].to_vec();
-    let (misfit, signal) = (own(misfit), own(&decays.y));
-    let mean = signal.iter().sum::<f64>() / signal.len() as f64;
-    let misfit: f64 = misfit[of.clone()].iter().map(|r| r * r).sum();
-    let signal: f64 = signal[of.clone()].iter().map(|y| (y - mean).powi(2)).sum();
-    let chi2 = misfit / sds[series % decays.outputs].powi(2);
-    Squares { chi2, misfit, signal, samples: of.len() as f64 }
+/// Sums of squares over the samples of each range, of one series after the other. `sds`: standard deviation of each
+/// output's noise, in the scale of the decays.
+fn squares(decays: &Decays, misfit: &[f64], sds: &[f64], ranges: &[Range<usize>]) -> Vec<Squares> {
+    let of_range = |range: &Range<usize>| -> Vec<Squares> {
+        let all = misfit.chunks(decays.samples).zip(decays.y.chunks(decays.samples));
+        let of_series = |(series, (misfit, signal)): (usize, (&[f64], &[f64]))| {
+            let mean = signal.iter().sum::<f64>() / signal.len() as f64;
+            let misfit: f64 = misfit[range.clone()].iter().map(|r| r * r).sum();
+            let signal = signal[range.clone()].iter().map(|y| (y - mean).powi(2)).sum();
+            let chi2 = misfit / sds[series % decays.outputs].powi(2);
+            Squares { chi2, misfit, signal, samples: range.len() as f64 }
+        };
+        all.enumerate().map(of_series).collect()
+    };
+    ranges.iter().flat_map(of_range).collect()
 }
 
-/// Figures of a misfit on the held-out stretches, one [`Squares`] for each stretch of each series. `sds`: as
-/// of `squares`.
+/// Figures of a misfit on the held-out stretches. `sds`: as of `squares`.
 fn figures(decays: &Decays, misfit: &[f64], sds: &[f64]) -> GainFigures {
     let stretches = Stretches::of(decays).ranges(true);
-    let series = 0..decays.bursts * decays.outputs;
-    let of = |range: &Range<usize>| {
-        let range = range.clone();
-        series.clone().map(move |series| squares(decays, misfit, sds, series, range.clone()))
-    };
-    let each: Vec<Squares> = stretches.iter().flat_map(of).collect();
+    let each = squares(decays, misfit, sds, &stretches);
     let alone: Vec<Vec<usize>> = (0..each.len()).map(|i| vec![i]).collect();
     Squares::figures(&each, &alone, whiteness(misfit, decays, &stretches))
 }
@@ -107,9 +100,10 @@ pub fn measure(selected: &Selected) -> (Misfit, Gain) {
     let n = decays.samples;
     let before = selected.baseline.misfit();
     let sds = selected.fit.sizes();
-    let series = 0..decays.bursts * decays.outputs;
-    let all: Squares = series.map(|series| squares(decays, &before, &sds, series, 0..n)).sum();
-    let misfit = all.misfit(whiteness(&before, decays, std::slice::from_ref(&(0..n))));
+    let whole = 0..n;
+    let whole = std::slice::from_ref(&whole);
+    let all: Squares = squares(decays, &before, &sds, whole).into_iter().sum();
+    let misfit = all.misfit(whiteness(&before, decays, whole));
 
     let stretches = Stretches::of(decays);
     let noise = stretches.noise(&sds);

@@ -14,6 +14,7 @@
 //! and the body stays at rest where the spring is weaker than the friction.
 
 use super::unnamed::{RATES, SENSORS, SPRINGS, Strengths};
+use crate::critique::waves::swing;
 use nalgebra::{Matrix2, Vector2};
 
 /// Largest step, in radians of the oscillation, where something is nonlinear.
@@ -50,13 +51,7 @@ impl Motion {
     /// The propagator e^{Ah} of the linear motion: what becomes of (x, x') in a time h.
     fn turn(&self, h: f64) -> Matrix2<f64> {
         let Motion { sigma, omega, .. } = *self;
-        let square = omega * omega - sigma * sigma;
-        let w = square.abs().sqrt();
-        let (c, s) = match square {
-            q if q > 0.0 && w * h > 1e-9 => ((w * h).cos(), (w * h).sin() / w),
-            q if q < 0.0 && w * h > 1e-9 => ((w * h).cosh(), (w * h).sinh() / w),
-            _ => (1.0, h),
-        };
+        let [c, s] = swing(omega * omega - sigma * sigma, h);
         let fall = (-sigma * h).exp();
         let (to_x, to_v) = (fall * s, -fall * s * (omega * omega));
         Matrix2::new(fall * (c + s * sigma), to_x, to_v, fall * (c - s * sigma))

@@ -82,12 +82,10 @@ fn judged(decays: &Decays, fit: &Fit, at: usize) -> Option<Tried> {
         return None;
     }
     let before = (at * decays.bursts) as f64;
-    let moved = |o: usize| -> f64 {
-        let square = |y: &[f64]| {
-            let mean = y.iter().sum::<f64>() / y.len() as f64;
-            y[..at].iter().map(|v| (v - mean).powi(2)).sum::<f64>()
-        };
-        decays.of_output(&decays.y, o).map(square).sum::<f64>() / before
+    let centred = decays.centred(&decays.y);
+    let moved = |o: usize| {
+        let each = decays.of_output(&centred, o).flat_map(|y| &y[..at]);
+        each.map(|v| v * v).sum::<f64>() / before
     };
     let of_start = |o: usize| if at == 0 { 0.0 } else { before * moved(o).max(1e-300).ln() };
     let start: f64 = (0..decays.outputs).map(of_start).sum();
