@@ -14,7 +14,6 @@ use super::chance::without_a_name;
 use super::covariates::{DRIVE, NAMES, TEMPERATURE, TIME};
 use super::objection::Objection;
 use super::selection::Selected;
-use super::space::Direction;
 use super::tuned::LEFT_BY_ALL;
 use super::verdict::Unexplained;
 
@@ -29,11 +28,8 @@ pub struct Adequacy {
 
 /// Tests what is left of the misfit. `setting`: as of the selection.
 pub fn check(selected: &Selected, artefacts: &Artefacts, setting: Setting) -> Adequacy {
-    let mut applied: Vec<Applied> =
-        selected.causes.iter().map(|c| c.candidate.form.clone()).collect();
-    let samples = setting.data.samples;
-    // all causes are in the nuisance, and a random tone's mean over few bursts
-    applied.extend(setting.avoid.iter().map(|omega| chance_mean(*omega, samples)));
+    // all causes are in the nuisance
+    let applied: Vec<Applied> = selected.causes.iter().map(|c| c.candidate.form.clone()).collect();
     let nuisances = selected.fitted.spaces.nuisances(&applied);
     let tests = ScoreTests::new(&selected.fitted.model, setting, &nuisances);
     // Noise that grows with the signal makes what is largest look surer than it is, since the tests assume
@@ -154,12 +150,4 @@ fn is_relative(s: &Scored, selected: &Selected) -> bool {
 fn share_allowed(selected: &Selected, artefacts: &Artefacts) -> f64 {
     let causes = selected.causes.len() + artefacts.accepted().count();
     LEFT_BY_ALL.powi(causes.max(1) as i32)
-}
-
-/// The mean of a random tone over all bursts, as a cause of size 0; whether it scales with the drive is not
-/// known, so both are allowed for. `omega`: rad per signal length.
-fn chance_mean(omega: f64, samples: usize) -> Applied {
-    let wave = |k: usize| (1.0, omega * k as f64 / samples as f64);
-    let directions = [0, 1].map(|power| Direction::waves(power, samples, wave)).concat();
-    Applied { shape: omega, ..Applied::rigid(CauseId::RandomTone, directions, vec![0.0; 4]) }
 }

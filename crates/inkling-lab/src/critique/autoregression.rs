@@ -32,7 +32,7 @@ impl Autoregression {
         (looks.into_iter().fold(0.0, f64::max) - (looks.len() as f64).ln()).max(0.0)
     }
 
-    /// The likeliest of the slower parts, or of any correlations.
+    /// The likeliest of the slower parts.
     ///
     /// With autocorrelations of mean 0 and covariance C in white noise (`whiteness.rs`), correlations r of the noise
     /// make their mean (m + 2) C r, where m is the number of samples that a fit leaves free. So
@@ -57,13 +57,10 @@ impl Autoregression {
         let scatter = all.iter().filter_map(Lags::statistic).sum::<f64>();
         let wider = (scatter / (all.len() * lags) as f64).max(1.0);
         let statistic = |r: &DVector<f64>| r.dot(&off).powi(2) / r.dot(&(&covariance * r)) / wider;
-        let tried = (SLOWER.len() + 1) as f64;
+        let tried = SLOWER.len() as f64;
         let slower =
             SLOWER.map(|p| surprise(statistic(&beside_rho(falling(p))), 1, tried, f64::INFINITY));
-        let likeliest = covariance.clone().cholesky().map(|c| beside_rho(c.solve(&off)));
-        let any =
-            likeliest.map_or(0.0, |r| surprise(statistic(&r), lags - 1, tried, f64::INFINITY));
-        slower.into_iter().fold(any, f64::max)
+        slower.into_iter().fold(0.0, f64::max)
     }
 
     /// By the mean over signals of (e³ - b e) x, with the innovation e in standard deviations, b such that normal

@@ -12,7 +12,7 @@ use rand_chacha::ChaCha8Rng;
 /// -ln of the probability that one candidate passes on data of the model itself: once in 4000. So one of 22
 /// independent candidates passes in about half a per cent of such data.
 pub const THRESHOLD: f64 = 8.3;
-/// Below this surprise a candidate is not examined further, and leaves a model that it is in.
+/// Below this surprise a candidate is not examined further.
 pub const HINT: f64 = THRESHOLD / 2.0;
 /// The same of the tests without the catalogue, all of one kind together: one in 1000.
 const WITHOUT_A_NAME: f64 = 6.9;

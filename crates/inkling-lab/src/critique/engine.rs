@@ -30,7 +30,7 @@ pub use super::extended::{Extended, NotExtended};
 use super::finding::{
     Cause, Critique, Detection, Evidence, NotTestable, Signals, VERSION, Verdict,
 };
-use super::leftovers::{at_the_ring, at_the_ring_beside, leave_out, still_there};
+use super::leftovers::{leave_out, still_there};
 use super::model::Model;
 use super::objection::Objection;
 use super::observations::Observations;
@@ -77,15 +77,20 @@ pub fn critique(
 
 fn of_ink_channels(all: &Observations, labelled: bool) -> Result<Outcome, CritiqueError> {
     all.work.begins(work::BASELINE);
-    let Outliers { out: outlier, shape_surprise } = left_out(all, labelled)?;
+    let first = Model::start(all).ok_or(CritiqueError::NoRing)?;
+    let Outliers { out: mut outlier, shape_surprise } = outliers(all, &first);
+    if labelled {
+        // they stay in, but `shape_surprise` still says whether a few of them have a misfit with a shape
+        outlier.fill(false);
+    }
     let data = all.select(|i| !outlier[i]).standardised();
     check_enough(data.len(), Rings::InkChannel)?;
 
     // `data` are now the white signals, `unwhitened` the original ones if their noise was correlated
-    let mut prepared = Prepared::of(data)?;
-    let selected = prepared.pick();
+    let prepared = Prepared::of(data)?;
+    let selected = prepared.select();
     let avoid = prepared.random_tone();
-    let Prepared { data, unwhitened, coloured, baseline, mut artefacts, .. } = prepared;
+    let Prepared { data, unwhitened, coloured, baseline, mut artefacts } = prepared;
     let setting = Setting { data: &data, avoid: &avoid };
     look_again(&mut artefacts, &selected, coloured, setting);
     artefacts.odd_signals = shape_surprise;
@@ -149,16 +154,6 @@ fn of_ink_channels(all: &Observations, labelled: bool) -> Result<Outcome, Critiq
     Ok(Outcome { critique, outlier, extended })
 }
 
-/// Step 1. Signals that labels call healthy stay in, but `shape_surprise` still says whether a few of them
-/// have a misfit with a shape.
-fn left_out(all: &Observations, labelled: bool) -> Result<Outliers, CritiqueError> {
-    let mut found = outliers(all, &Model::start(all).ok_or(CritiqueError::NoRing)?);
-    if labelled {
-        found.out.fill(false);
-    }
-    Ok(found)
-}
-
 fn check_enough(found: usize, rings: Rings) -> Result<(), CritiqueError> {
     let fewest = if rings == Rings::InkChannel { FEWEST_SIGNALS } else { 1 };
     (found >= fewest).then_some(()).ok_or(CritiqueError::TooFew { found })
@@ -174,9 +169,6 @@ struct Prepared {
     coloured: Option<Autoregression>,
     baseline: Model,
     artefacts: Artefacts,
-    /// Whether a random tone was found at the ring's own frequency. It may be the ring itself, changed by a
-    /// cause, so it is tested again once causes are selected.
-    deferred: bool,
 }
 
 impl Prepared {
@@ -193,10 +185,8 @@ impl Prepared {
         let mut artefacts = Artefacts { codes, noise, odd_signals: 0.0 };
 
         leave_out(&mut artefacts, Vec::new());
-        let deferred = at_the_ring(&mut artefacts.noise, &baseline, data.length_s());
-
         let (unwhitened, coloured) = (None, None);
-        let prepared = Prepared { data, unwhitened, coloured, baseline, artefacts, deferred };
+        let prepared = Prepared { data, unwhitened, coloured, baseline, artefacts };
         match accepted(&prepared.artefacts.noise, CauseId::CorrelatedNoise) {
             Some(rho) => prepared.whitened(rho),
             None => Ok(prepared),
@@ -248,10 +238,9 @@ impl Prepared {
         let rounding = rounding / baseline.noise_var;
         let coloured = Some(Autoregression { rho, whitened_by: total, rounding });
         noise.extend(again.into_iter().filter(|f| f.id != CauseId::CorrelatedNoise));
-        let deferred = at_the_ring(&mut noise, &baseline, data.length_s());
         let artefacts = Artefacts { codes, noise, odd_signals: 0.0 };
         let unwhitened = Some(unwhitened);
-        Ok(Prepared { data, unwhitened, coloured, baseline, artefacts, deferred })
+        Ok(Prepared { data, unwhitened, coloured, baseline, artefacts })
     }
 
     /// Frequency of the random tone that is accepted so far, rad per signal length; empty if there is none.
@@ -259,24 +248,6 @@ impl Prepared {
     fn random_tone(&self) -> Vec<f64> {
         let hz = accepted(&self.artefacts.noise, CauseId::RandomTone);
         hz.map(|hz| hz * self.data.length_s() * TAU).into_iter().collect()
-    }
-
-    /// Selects causes. A random tone that was deferred is then tested again beside them; if it is accepted,
-    /// the causes are selected anew, with the tone known.
-    fn pick(&mut self) -> Selected {
-        let selected = self.select();
-        if !self.deferred {
-            return selected;
-        }
-        let again = ensemble::test(&self.data, &selected.fitted.model);
-        let noise = &mut self.artefacts.noise;
-        noise.retain(|f| f.id != CauseId::RandomTone);
-        noise.extend(again.into_iter().filter(|f| f.id == CauseId::RandomTone));
-        at_the_ring_beside(noise, &selected.findings());
-        match accepted(noise, CauseId::RandomTone) {
-            Some(_) => self.select(),
-            None => selected,
-        }
     }
 
     fn select(&self) -> Selected {

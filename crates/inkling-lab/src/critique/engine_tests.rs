@@ -1,10 +1,9 @@
 //! Tests of `engine.rs` on synthetic signals with correlated noise, which the engine makes white
-//! before it looks for causes: clipped samples must not spoil this, and a random tone at the ring's
-//! own frequency must be deferred until causes are selected.
+//! before it looks for causes: clipped samples must not spoil this.
 
 use super::super::generator::{Run, criticised, draw};
 use super::super::observations::Sampler;
-use super::CauseId::{CorrelatedNoise, RandomTone};
+use super::CauseId::CorrelatedNoise;
 use super::*;
 
 /// 16 channels in 12 bursts, as whole counts, with AR(1) noise of rho = .35. `converted` changes
@@ -41,17 +40,5 @@ fn clipped_samples_are_left_out_where_noise_is_made_white() {
             let clipped = coloured(seed, |_, _, y| y.min(rail));
             assert_eq!(named(&clipped), Some(vec!["clipping", "correlated_noise"]));
         }
-    }
-}
-
-/// The tone may be the ring itself, bent by something: it is looked for again beside the causes.
-#[test]
-fn a_random_tone_at_the_rings_frequency_is_deferred_where_noise_is_made_white() {
-    for seed in [1, 2] {
-        let phase = |signal: usize| 1.7 * (signal * signal) as f64;
-        let data = coloured(seed, |i, t, y| y + 2.5 * (40.65 * t + phase(i)).cos());
-        let prepared = Prepared::of(data).unwrap();
-        assert_eq!(accepted(&prepared.artefacts.noise, RandomTone), None);
-        assert!(prepared.unwhitened.is_some() && prepared.deferred);
     }
 }

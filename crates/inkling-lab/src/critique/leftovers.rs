@@ -11,7 +11,6 @@ use super::candidate::Candidate;
 use super::catalogue::{Acts, CauseId};
 use super::chance::DETECTION_LIMIT;
 use super::covariates::{TEMPERATURE, TIME};
-use super::model::Model;
 use super::objection::Objection;
 use super::tuned::{LEFT_TO_SHAPES, LEFT_TO_UNLIKE};
 use inkling_core::numbers::LITTLE;
@@ -103,28 +102,6 @@ pub fn leave_out(artefacts: &mut Artefacts, chosen: Vec<Finding>) {
     all.extend(chosen);
     for f in artefacts.noise.iter_mut().filter(|f| f.accepted()) {
         if !Finding::of(f, &[]).is_beyond(&all) {
-            f.objection = Some(Objection::LeftByOthers);
-        }
-    }
-}
-
-/// Defers an accepted random tone whose frequency is within one period per signal of the ring's own, because
-/// it may be the ring itself, bent by a cause that is not in the model yet. Returns whether one was deferred.
-pub fn at_the_ring(of_noise: &mut [Candidate], model: &Model, length_s: f64) -> bool {
-    let own_hz = model.mean[1].exp() / (std::f64::consts::TAU * length_s);
-    let tone = of_noise.iter_mut().find(|f| f.id == CauseId::RandomTone && f.accepted());
-    let near = |f: &&mut Candidate| (f.value - own_hz).abs() * length_s < 1.0;
-    let Some(tone) = tone.filter(near) else { return false };
-    tone.objection = Some(Objection::LeftByOthers);
-    true
-}
-
-/// After a deferral and a new test: withdraws a random tone whose statistic is at most a tenth of that of the
-/// strongest chosen cause, which may leave so much at the ring's frequency.
-pub fn at_the_ring_beside(of_noise: &mut [Candidate], chosen: &[Finding]) {
-    let strongest = chosen.iter().map(|c| c.statistic).fold(0.0, f64::max);
-    for f in of_noise.iter_mut().filter(|f| f.id == CauseId::RandomTone && f.accepted()) {
-        if f.statistic <= LITTLE * strongest {
             f.objection = Some(Objection::LeftByOthers);
         }
     }

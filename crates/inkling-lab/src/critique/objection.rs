@@ -48,8 +48,6 @@ pub enum Objection {
     Alias,
     #[error("the spring would push away at the largest amplitude")]
     PushesAway,
-    #[error("it is weaker at the end: no tone")]
-    Fades,
     #[error("it is no line of the spectrum")]
     NoLine,
     /// In a coloured misfit anything takes some of it: a line must take a tenth, another cause 3 %.

@@ -6,20 +6,18 @@
 //! The linear tests of all candidates (`candidates`) nominate; the most surprising accepted name is the
 //! benchmark, and at most five names and three rivals of its kind (shape, or covariate) are refitted beside it
 //! at fixed noise and scatter; the refitted -2 ln likelihood plus prices decides; the winner enters, everything
-//! is refitted with scatter, and causes that are no longer significant leave. At the end those leave that are
-//! no more than what stronger findings leave (`leftovers.rs`).
+//! is refitted with scatter. At the end causes leave that are no longer significant, or no more than what stronger
+//! findings leave (`leftovers.rs`).
 
 use super::candidate::Chosen;
 use super::candidates::{Applied, ScoreTests, Scored, Setting};
-use super::catalogue::Acts;
-use super::chance::{HINT, surprise};
+use super::chance::HINT;
 use super::leftovers::Finding;
 use super::model::Model;
 use super::refit::{Refit, apply, follow, refit};
 use super::search::{Contender, ExplainedModel, Round, System, search};
 use super::tuned::TIE;
 use super::work::{self, Stage, Work};
-use nalgebra::DVector;
 use std::ops::ControlFlow;
 
 /// Largest numbers of candidates that are refitted in a step: of those with a name, and of those without.
@@ -58,7 +56,9 @@ pub fn select(baseline: Model, setting: Setting, found: Vec<Finding>) -> Selecte
     };
     let kept: Vec<bool> = causes.iter().zip(&all).map(stands).collect();
     if kept.iter().any(|k| !k) {
-        last = without(last, &mut causes, &kept, setting, 3);
+        last = without(last, &kept, setting);
+        let mut keep = kept.into_iter();
+        causes.retain(|_| keep.next().unwrap_or(true));
         measure(&mut causes, &last, setting);
     }
     ExplainedModel { fitted: last, causes, evidence, unnamed }
@@ -106,11 +106,8 @@ impl System for Setting<'_> {
         Round { contenders: all, least }
     }
 
-    fn settled(&self, now: Refit, chosen: &mut Vec<Chosen<Applied>>) -> ControlFlow<Refit, Refit> {
-        let now = refit(now.model, now.causes, *self, 2, true);
-        let kept = necessary(&now);
-        let now = if kept.iter().all(|k| *k) { now } else { without(now, chosen, &kept, *self, 2) };
-        ControlFlow::Continue(now)
+    fn settled(&self, now: Refit, _: &mut Vec<Chosen<Applied>>) -> ControlFlow<Refit, Refit> {
+        ControlFlow::Continue(refit(now.model, now.causes, *self, 2, true))
     }
 }
 
@@ -172,23 +169,13 @@ fn competes(s: &Scored, best: &Scored) -> bool {
     s.able() && s.id.is_shape() == best.id.is_shape() && s.surprise > HINT
 }
 
-/// Takes the causes that are not `kept` out, and refits the model with its scatter in `rounds` rounds at least.
-fn without(
-    now: Refit,
-    chosen: &mut Vec<Chosen<Applied>>,
-    kept: &[bool],
-    setting: Setting,
-    rounds: usize,
-) -> Refit {
-    let Refit { mut model, mut causes, .. } = now;
-    for (cause, _) in causes.iter().zip(kept).filter(|(_, k)| !**k) {
-        apply(&mut model, cause, -1.0, setting);
-    }
-    let mut keep = kept.iter();
-    chosen.retain(|_| *keep.next().unwrap_or(&true));
-    let mut keep = kept.iter();
-    causes.retain(|_| *keep.next().unwrap_or(&true));
-    refit(model, causes, setting, rounds, true)
+/// Takes the causes that are not `kept` out, and refits the model with its scatter.
+fn without(now: Refit, kept: &[bool], setting: Setting) -> Refit {
+    let Refit { mut model, causes, .. } = now;
+    let each = causes.into_iter().zip(kept);
+    let (stay, go): (Vec<_>, Vec<_>) = each.partition(|(_, kept)| **kept);
+    go.iter().for_each(|(cause, _)| apply(&mut model, cause, -1.0, setting));
+    refit(model, stay.into_iter().map(|(cause, _)| cause).collect(), setting, 3, true)
 }
 
 /// Replaces each candidate by its final test beside all others, if it can be tested again.
@@ -198,27 +185,6 @@ fn measure(chosen: &mut [Chosen<Applied>], last: &Refit, setting: Setting) {
             cause.candidate = scored;
         }
     }
-}
-
-/// For each cause of the model whether it is still at least a hint beside the others, by Wald's statistic x^T
-/// Cov^-1 x of its size x after one more linear step.
-fn necessary(now: &Refit) -> Vec<bool> {
-    let nuisances = now.spaces.nuisances(&now.causes);
-    let mut at = 0;
-    now.causes
-        .iter()
-        .map(|cause| {
-            let (steps, covariance) = nuisances.of(cause.id).causes();
-            let q = cause.coefficients.len();
-            // the effect itself must stay significant, not the acquisition state alone
-            let own = if matches!(cause.id.row().acts, Acts::Rates { .. }) { 1 } else { q };
-            let x = DVector::from_column_slice(&cause.coefficients[..own]) + steps.rows(at, own);
-            let block = covariance.view((at, at), (own, own)).into_owned();
-            at += q;
-            let statistic = block.try_inverse().map_or(0.0, |inverse| x.dot(&(inverse * &x)));
-            surprise(statistic, own, 1.0, f64::INFINITY) > HINT
-        })
-        .collect()
 }
 
 /// A candidate's coefficients, and the parameters of its shape (rate, frequency, damping).

@@ -134,21 +134,7 @@ fn judge(candidate: &mut Tried, parent: &Fit, noise: &Noise) {
             true => *share < LITTLE,
             false => statistic < LEFT_TO_SHAPES * before,
         };
-    let fades = *term == Term::Line(Line::Tone) && fades(parent, fit);
-    let objection = candidate.objection.or(fades.then_some(Objection::Fades));
-    candidate.objection = objection.or(little.then_some(Objection::TooWeak));
-}
-
-/// Whether less than half of a tone's due is explained in the second half of the decays.
-fn fades(parent: &Fit, fit: &Fit) -> bool {
-    let late = |of: &Fit| -> [f64; 2] {
-        let misfit = of.misfit();
-        let series = misfit.chunks(of.decays.samples).map(|r| r.split_at(r.len() / 2));
-        let sum = |r: &[f64]| r.iter().map(|r| r * r).sum::<f64>();
-        series.fold([0.0; 2], |[all, late], (p, q)| [all + sum(p) + sum(q), late + sum(q)])
-    };
-    let ([all, end], [all_left, end_left]) = (late(parent), late(fit));
-    end - end_left < 0.25 * (all - all_left)
+    candidate.objection = candidate.objection.or(little.then_some(Objection::TooWeak));
 }
 
 impl<'a> System for &'a Decays {
