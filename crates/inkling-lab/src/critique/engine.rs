@@ -40,6 +40,7 @@ use super::outliers::{Outliers, outliers};
 use super::selection::{self, Selected};
 use super::words::{cause_sentence, equation, not_worth, ties};
 use super::{codes, decay, ensemble, figures, gain, jitter, work, worth};
+use inkling_core::numbers::LITTLE;
 use std::f64::consts::TAU;
 
 /// Largest number of times that the signals are made white, each time by a better estimate.
@@ -173,7 +174,8 @@ struct Prepared {
 
 impl Prepared {
     fn of(data: Observations) -> Result<Prepared, CritiqueError> {
-        let mut baseline = Model::fitted(&data, 2).ok_or(CritiqueError::NoRing)?;
+        let rings = |model: &Model| model.explained(&data) > LITTLE;
+        let mut baseline = Model::fitted(&data, 2).filter(rings).ok_or(CritiqueError::NoRing)?;
 
         // codes first: what is accepted of them becomes part of the baseline (rails, lattice)
         data.work.begins(work::CODES);

@@ -9,7 +9,7 @@ use super::*;
 /// 16 channels in 12 bursts, as whole counts, with AR(1) noise of rho = .35. `converted` changes
 /// each sample before it is rounded; its arguments are the number of the signal, the time in signal
 /// lengths, and the value in counts.
-fn coloured(seed: u64, converted: impl Fn(usize, f64, f64) -> f64) -> Observations {
+fn coloured(seed: u64, mut converted: impl FnMut(usize, f64, f64) -> f64) -> Observations {
     let effect = Some(CorrelatedNoise);
     let run = Run { channels: 16, bursts: 12, effect, size: 0.35, ..Run::default() };
     let drawn = draw(&run, seed);
@@ -29,6 +29,24 @@ fn named(data: &Observations) -> Option<Vec<&'static str>> {
     let mut names: Vec<&str> = of.causes.iter().map(|cause| cause.id.name()).collect();
     names.sort_unstable();
     (of.verdict == Verdict::Named).then_some(names)
+}
+
+/// A ring fits noise, too: it explains as much of it as its parameters are of the samples.
+#[test]
+fn noise_alone_is_refused() {
+    let mut turn = 1u64;
+    let noise = coloured(1, |_, _, _| {
+        turn = turn.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (0..4).map(|k| (turn >> (8 * k + 24) & 255) as f64 - 127.5).sum()
+    });
+    let refused = critique(&noise, Rings::InkChannel, false);
+    assert!(matches!(refused, Err(CritiqueError::NoRing)));
+    let mut turn = 0.0;
+    let weak = coloured(1, |_, _, y| {
+        turn += 1.0;
+        y + 30.0 * f64::sin(turn * turn)
+    });
+    assert!(critique(&weak, Rings::InkChannel, false).is_ok());
 }
 
 /// Both causes must be named, and nothing else: a clipped sample, if it were whitened, would look
