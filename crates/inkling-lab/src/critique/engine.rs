@@ -125,8 +125,8 @@ fn of_ink_channels(all: &Observations, labelled: bool) -> Result<Outcome, Critiq
         verdict,
         sentence: verdict.sentence(&causes, &left.unexplained, detection),
         equation: equation(&causes),
+        not_testable: not_testable(&data, &causes),
         causes,
-        not_testable: not_testable(&data),
         misfit: measured.misfit,
         gain: measured.gain,
         extended_model: None,
@@ -339,9 +339,11 @@ fn all_evidence(artefacts: &Artefacts, selected: &Selected, ln_samples: f64) -> 
     artefacts.all().map(row).chain(selected.evidence.iter().cloned()).collect()
 }
 
-fn not_testable(data: &Observations) -> Vec<NotTestable> {
+/// What is named all the same was tested: one of two converters may give what the other lacks.
+fn not_testable(data: &Observations, causes: &[Cause]) -> Vec<NotTestable> {
+    let untested = CATALOGUE.iter().filter(|e| causes.iter().all(|cause| cause.id != e.id));
     let lacking = |e: &Entry| Some(NotTestable { id: e.id, needs: e.needs.lacking(data)?.into() });
-    CATALOGUE.iter().filter_map(lacking).collect()
+    untested.filter_map(lacking).collect()
 }
 
 fn unexplained(unnamed: &[Scored], left: &Adequacy) -> Vec<String> {
