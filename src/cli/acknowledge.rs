@@ -128,7 +128,8 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
 fn recordings_called(named: &Acknowledged, journal: &Journal) -> Result<Option<String>, Failure> {
     let all = || journal.recordings().map(|of| Path::new(&of.recording.path));
     let is_named = |path: &&Path| named.knows_recording(&path.to_string_lossy()).is_some();
-    let found: Vec<&Path> = all().filter(is_named).collect();
+    let mut found: Vec<&Path> = all().filter(is_named).collect();
+    found.sort(); // the journal has no order of its own
     match found[..] {
         [] => Ok(None),
         [path] => {

@@ -12,9 +12,8 @@
 use super::exit::Failure;
 use super::progress::{Progress, interruptible};
 use crate::pipeline::collect::{Collector, OTHER_SAMPLING};
-use crate::pipeline::recording_report::nobody_reads;
 use crate::pipeline::visit::Pass;
-use crate::pipeline::{Control, PipelineError, ring_look};
+use crate::pipeline::{Control, PipelineError, nobody_reads, ring_look};
 use crate::report::first_of;
 use crate::settings::Settings;
 use inkling_core::design::TrainingSet;

@@ -61,7 +61,7 @@ mod moved_judge;
 mod numbers;
 mod own_levels;
 pub mod pacer;
-pub mod recording_report;
+mod recording_report;
 pub mod replay;
 pub mod resume;
 pub mod ring_look;
@@ -78,7 +78,7 @@ pub mod visit;
 mod wiring;
 
 pub use crate::report::rfc3339;
-pub use recording_report::RecordingReport;
+pub use recording_report::{RecordingReport, nobody_reads};
 pub use replay::{follow, is_same, judge, replay};
 pub use run::{EpisodeEvent, Replay, Watch};
 

@@ -8,12 +8,12 @@
 //! an episode of it lies in the earlier recordings, and by its onset, its end and its trend. Of the faults before
 //! the last one only those are told that came and went since then.
 
-use super::RecordingLine;
 use super::fault::{Fault, certain_trend};
 use super::night::{Span, last_night, whole};
 use super::story::Story;
 use super::trend::Direction;
 use super::watch::quantity;
+use super::{HeadCount, RecordingLine};
 use inkling_core::episodes::Episode;
 use std::collections::BTreeSet;
 use std::sync::Arc;
@@ -77,7 +77,8 @@ impl<'a> Changes<'a> {
         was_told: impl Fn(&Story) -> Option<bool>,
     ) -> Changes<'a> {
         let judged = |of: &RecordingLine| -> BTreeSet<Arc<str>> {
-            let heads = of.heads.iter().filter(|(_, count)| count.tally.judged > 0);
+            let is_missed = |count: &HeadCount| count.tally.judged > 0 && !count.is_gone;
+            let heads = of.heads.iter().filter(|(_, count)| is_missed(count));
             heads.map(|(name, _)| name.clone()).collect()
         };
         // the numbers by which spells refer to recordings

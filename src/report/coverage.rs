@@ -10,12 +10,11 @@
 //! that were not measured in the last night, or channels silent since the first half of their
 //! latest recording; `doubtful`, channels of which nothing certain is known now.
 
-use super::acknowledged::Acknowledged;
 use super::counts::{ChannelCount, Tally};
 use super::night::{Span, last_night, whole};
 use super::source::{LostRecording, Source};
 use super::survey::{Head, Survey};
-use super::words::{self, clock, counted, first_of, joined, of_some, percent, ranges, thousands};
+use super::words::{clock, counted, first_of, joined, numbered, of_some, percent, thousands};
 use inkling_core::verdict::Reason;
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -96,12 +95,7 @@ pub enum Extent {
 
 impl Coverage {
     /// The coverage of these recordings. `sources`: in the order of the survey's indices.
-    pub fn of(
-        survey: &Survey,
-        sources: &[Source],
-        lost: Vec<LostRecording>,
-        acknowledged: &Acknowledged,
-    ) -> Coverage {
+    pub fn of(survey: &Survey, sources: &[Source], lost: Vec<LostRecording>) -> Coverage {
         let tallies = || survey.heads.iter().flat_map(|head| head.tallies.values());
         let is_whole = |of: &&Source| of.missing.is_empty() && of.damaged_places() == 0;
         let is_known = |of: &&Source| of.known.is_some();
@@ -119,12 +113,8 @@ impl Coverage {
                 .iter()
                 .filter(|of| is_known(of) && !is_whole(of))
                 .count() as u64,
-            gaps: [
-                gaps(survey, sources),
-                not_measured(survey, sources, acknowledged),
-                doubtful(survey, sources),
-            ]
-            .concat(),
+            gaps: [gaps(survey, sources), not_measured(survey, sources), doubtful(survey, sources)]
+                .concat(),
             lost,
             channels: survey.channels().filter(|c| c.judged > 0).count() as u64,
             unknown_channels: survey.channels().filter(|c| c.judged == 0).count() as u64,
@@ -275,7 +265,7 @@ fn of_recording(survey: &Survey, recording: usize, source: &Source) -> BTreeMap<
 
 /// A gap for each printhead that was not measured in the last night (`night::last_night`), or some
 /// of whose channels were not, or fell silent in the first half of their latest recording.
-fn not_measured(survey: &Survey, sources: &[Source], acknowledged: &Acknowledged) -> Vec<Gap> {
+fn not_measured(survey: &Survey, sources: &[Source]) -> Vec<Gap> {
     let tallies = survey.heads.iter().flat_map(|head| head.tallies.values());
     let mut spans: Vec<Span> = tallies.filter_map(|of| of.span).collect();
     spans.sort_unstable();
@@ -310,14 +300,14 @@ fn not_measured(survey: &Survey, sources: &[Source], acknowledged: &Acknowledged
         let silent: Vec<u32> = judged().filter(silent).map(|of| of.channel).collect();
         let what = match silent[..] {
             [] => return None,
-            _ if acknowledged.is_gone(name, tally.span?.1) => return None,
+            _ if head.is_gone => return None,
             _ if tally.span?.1 < from_ns => format!(
                 "{name} was not heard in the last night: this was its last recording. If it was taken out, \
                  `inkling acknowledge --replaced` it"
             ),
             _ => format!(
                 "{} of {name}: fell silent, or not heard in the last night ({} of its {})",
-                words::channels(&ranges(silent.clone())),
+                numbered(&silent),
                 silent.len(),
                 counted(judged().count() as u64, "channel")
             ),
@@ -338,11 +328,7 @@ fn doubtful(survey: &Survey, sources: &[Source]) -> Vec<Gap> {
         let mut tell = |channels: &[u32], at: usize, words: &str| {
             let is_judged = head.tallies.get(&at).is_some_and(|tally| tally.judged > 0);
             if is_judged && !channels.is_empty() {
-                let what = format!(
-                    "{} of {}: {words}",
-                    words::channels(&ranges(channels.to_vec())),
-                    head.name
-                );
+                let what = format!("{} of {}: {words}", numbered(channels), head.name);
                 all.extend(Gap::of_head(head, what, at, sources));
             }
         };
@@ -404,12 +390,7 @@ mod tests {
         }
         let survey = surveyed(&recordings);
         let source = |name: &&str| Source { name: (*name).to_owned(), ..Source::default() };
-        Coverage::of(
-            &survey,
-            &names.iter().map(source).collect::<Vec<_>>(),
-            Vec::new(),
-            &Acknowledged::default(),
-        )
+        Coverage::of(&survey, &names.iter().map(source).collect::<Vec<_>>(), Vec::new())
     }
 
     #[test]
@@ -457,7 +438,7 @@ mod tests {
         let mut survey = Survey::new(vec![Vec::new(); 2], false);
         survey.left_out.insert(0, 3);
         let sources = ["a", "b"].map(|name| Source { name: name.into(), ..Source::default() });
-        let coverage = Coverage::of(&survey, &sources, Vec::new(), &Acknowledged::default());
+        let coverage = Coverage::of(&survey, &sources, Vec::new());
         let told: Vec<_> = coverage.gaps.iter().map(|gap| gap.recording.as_str()).collect();
         assert_eq!((told, coverage.not_judged), (vec!["b"], 3));
     }

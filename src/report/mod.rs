@@ -115,6 +115,8 @@ pub struct HeadCount {
     pub tally: Tally,
     /// Number of channels with an episode in the recording.
     pub faulty_channels: u64,
+    /// Whether the printhead was taken out since.
+    pub is_gone: bool,
 }
 
 /// Everything that the page, the terminal's list and the table of faults show.
@@ -149,12 +151,16 @@ impl Report {
     /// `survey`: has seen all verdicts of the `sources`, in their order; `lost`: recordings without verdicts.
     pub fn new(
         sources: &[Source],
-        survey: Survey,
+        mut survey: Survey,
         lost: Vec<LostRecording>,
         acknowledged: &Acknowledged,
         settings: ReportSettings,
     ) -> Report {
-        let coverage = Coverage::of(&survey, sources, lost, acknowledged);
+        for head in &mut survey.heads {
+            let last = head.latest().and_then(|(_, of)| of.span);
+            head.is_gone = last.is_some_and(|(_, to_ns)| acknowledged.is_gone(&head.name, to_ns));
+        }
+        let coverage = Coverage::of(&survey, sources, lost);
         let false_alarms = FalseAlarms::of(&survey, sources);
 
         // The stories of each channel, linked with the rates of all channels.
@@ -280,7 +286,8 @@ fn lines(sources: &[Source], survey: &Survey) -> Vec<RecordingLine> {
         let count = |head: &survey::Head| {
             let tally = head.tallies.get(&recording)?.clone();
             let channels = faulty.get(&(recording, &head.name)).map_or(0, BTreeSet::len);
-            Some((head.name.clone(), HeadCount { tally, faulty_channels: channels as u64 }))
+            let (faulty_channels, is_gone) = (channels as u64, head.is_gone);
+            Some((head.name.clone(), HeadCount { tally, faulty_channels, is_gone }))
         };
         let heads: BTreeMap<Arc<str>, HeadCount> = survey.heads.iter().filter_map(count).collect();
         RecordingLine {

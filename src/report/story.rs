@@ -193,7 +193,8 @@ pub fn stories(watch: &Watch, rates: &Rates) -> Vec<Story> {
         // so many are flagged all the same that the channel goes on to be faulty.
         let ended = watch.spells[k - 1].episode.ended_at_ns.is_some();
         let between = &watch.outside[k];
-        // What is heard while the channel is faulty is of another one: two recordings of one time call them alike.
+        // Bursts from before the last flagged one cure nothing: they come from another channel of that name, in a
+        // recording of the same time.
         let is_beside =
             between.first_ns.is_some_and(|t_ns| t_ns <= watch.spells[k - 1].last_look_ns());
         let Gap { healthy, quiet } = Gap::of(between, share, rates.false_alarms);

@@ -33,6 +33,8 @@ pub struct Head {
     pub map: Option<HeadMap>,
     /// Counts by recording.
     pub tallies: BTreeMap<usize, Tally>,
+    /// Whether somebody has acknowledged that it was taken out after its last signal.
+    pub is_gone: bool,
 }
 
 /// What all recordings hold, by printhead and channel.

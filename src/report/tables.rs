@@ -198,7 +198,7 @@ pub fn recordings(report: &Report) -> String {
         let of_head = |column: &Arc<str>| match line.heads.get(column) {
             None => "–".to_owned(),
             Some(HeadCount { tally, .. }) if tally.judged == 0 => "not judged".into(),
-            Some(HeadCount { tally, faulty_channels }) => {
+            Some(HeadCount { tally, faulty_channels, .. }) => {
                 format!("<b>{faulty_channels}</b> · {}", percent(tally.flagged, tally.judged))
             }
         };

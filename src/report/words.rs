@@ -110,11 +110,16 @@ pub fn channels(numbers: &str) -> String {
     format!("channel{} {numbers}", if numbers.contains(' ') { "s" } else { "" })
 }
 
+/// The numbers of channels, with their noun.
+pub fn numbered(these: &[u32]) -> String {
+    channels(&ranges(these.to_vec()))
+}
+
 /// Most runs of channels that are named.
 const MOST_RUNS: usize = 12;
 
 /// Channel numbers in words: `7`, or `0 to 4, 7, 9`. The first [`MOST_RUNS`] are named.
-pub fn ranges(mut channels: Vec<u32>) -> String {
+fn ranges(mut channels: Vec<u32>) -> String {
     channels.sort_unstable();
     channels.dedup();
     let runs = channels.chunk_by(|a, b| a + 1 == *b).flat_map(|run| match run {

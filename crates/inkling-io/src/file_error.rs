@@ -60,10 +60,10 @@ pub(super) fn meant(path: &Path) -> String {
     }
     let beside = path.parent().filter(|dir| !dir.as_os_str().is_empty());
     let there = std::fs::read_dir(beside.unwrap_or(Path::new("."))).into_iter().flatten();
-    let there =
-        there.flatten().take(MOST_SIBLINGS).map(|of| of.file_name().to_string_lossy().into_owned());
+    let there = there.flatten().take(MOST_SIBLINGS);
+    let there: Vec<String> =
+        there.map(|of| of.file_name().to_string_lossy().into_owned()).collect();
     let name = path.file_name().unwrap_or_default().to_string_lossy();
-    let there: Vec<String> = there.collect();
     match nearest(&name, there.iter().map(String::as_str)).first() {
         Some(near) => format!("; did you mean {}?", path.with_file_name(near).display()),
         None => String::new(),

@@ -160,13 +160,14 @@ pub fn refuse_shared(jobs: &[Job]) -> Result<(), InputsError> {
         if let Some(first) = taken.insert(&this.verdicts, this) {
             let [first, second] = [first, this].map(|job| job.input.path.display());
             // two of one day share a place by day, too
-            let by_day =
-                this.source.day.is_none().then_some("lay them out by day (--layout date), ");
+            let by_day = match this.source.day {
+                Some(_) => "",
+                None => "lay them out by day (--layout date), ",
+            };
             let message = format!(
                 "{first} and {second} would both be written to {}: name the directory above both, \
-                 whose tree is then kept (--layout tree), {}or rename one",
-                this.verdicts,
-                by_day.unwrap_or_default()
+                 whose tree is then kept (--layout tree), {by_day}or rename one",
+                this.verdicts
             );
             return Err(InputsError::failed(second, message));
         }

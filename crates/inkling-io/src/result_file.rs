@@ -71,7 +71,7 @@ const BY_KEYS: [(ResultFile, &[&str]); 9] = [
 ];
 
 /// The titles of pages that are not of `report`.
-pub const PAGES: [(ResultFile, &str); 2] = [
+const PAGES: [(ResultFile, &str); 2] = [
     (ResultFile::EvaluationPage, "Evaluation of verdicts"),
     (ResultFile::CritiquePage, "Model critique"),
 ];

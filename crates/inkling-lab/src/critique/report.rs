@@ -185,8 +185,11 @@ fn gain(gain: &Gain) -> String {
         true => ("How well the model predicts", &["", ">on these signals"][..]),
         false => ("What the extension buys", &["", ">before", ">after"][..]),
     };
-    // a cell without a head, where there is but one column, is not shown
-    let row = |row: &GainRow| [row.0.to_owned(), cell(row, before), cell(row, after)];
+    let shown = &[before, after][..heads.len() - 1];
+    let row = |row: &GainRow| {
+        let cells = shown.iter().map(|figures| cell(row, figures));
+        std::iter::once(row.0.to_owned()).chain(cells).collect::<Vec<_>>()
+    };
     [
         format!("<h2>{heading}</h2>\n"),
         note(&held_out(held)),
