@@ -30,21 +30,11 @@ use std::path::Path;
 use std::sync::atomic::Ordering;
 use std::sync::mpsc::{SyncSender, sync_channel};
 
-/// The columns of a verdict table that a report needs.
-const COLUMNS: [&str; 12] = [
-    "acquired_at",
-    "printhead",
-    "channel",
-    "outcome",
-    "category",
-    "candidate",
-    "statistic",
-    "threshold",
-    "severity",
-    "resonance_hz",
-    "damping_per_s",
-    "reason",
-];
+/// The columns of a verdict table that a report needs; the second ones are what flagged signals say, which is
+/// asked of channels with episodes alone.
+const COLUMNS: [&str; 6] = ["acquired_at", "printhead", "channel", "outcome", "category", "reason"];
+const COLUMNS_OF_FAULTS: [&str; 6] =
+    ["candidate", "statistic", "threshold", "severity", "resonance_hz", "damping_per_s"];
 /// Number of batches that are read ahead, of some MB each.
 const READ_AHEAD: usize = 16;
 
@@ -293,8 +283,9 @@ fn count_all(
     let (send, receive) = sync_channel(READ_AHEAD);
     // the receiver goes where this one does, so that nobody waits for room in vain
     std::thread::scope(move |scope| {
-        let files: Vec<&Path> = recordings.iter().map(|of| of.file).collect();
-        scope.spawn(move || read_all(&files, control, &send));
+        let tables: Vec<(&Path, Vec<&str>)> =
+            recordings.iter().map(|of| (of.file, columns_for(&of.counts))).collect();
+        scope.spawn(move || read_all(&tables, control, &send));
         for Unread { recording, key, mut counts, mut clocks, .. } in recordings {
             let end = loop {
                 match receive.recv() {
@@ -319,11 +310,16 @@ fn count_all(
     })
 }
 
-/// Reads all files in their order, and sends their rows ahead of their use. Where one cannot be read to its end, the
+fn columns_for(counts: &RecordingCounts) -> Vec<&'static str> {
+    let of_faults = COLUMNS_OF_FAULTS.iter().filter(|_| counts.has_episodes());
+    COLUMNS.iter().chain(of_faults).copied().collect()
+}
+
+/// Reads these columns of all files in their order, and sends their rows ahead of their use. Where one cannot be read to its end, the
 /// next one is read. Progress counts whole files.
-fn read_all(files: &[&Path], control: &Control, send: &SyncSender<Read>) {
-    for file in files {
-        let end = read_one(file, control, send)
+fn read_all(tables: &[(&Path, Vec<&str>)], control: &Control, send: &SyncSender<Read>) {
+    for (file, columns) in tables {
+        let end = read_one(file, columns, control, send)
             .map_err(|e| format!("{e}; its rows from there on are not in the report. Remove that file, and the next replay judges its recording again"));
         if control.interrupted() || send.send(Read::End(end)).is_err() {
             return;
@@ -333,8 +329,13 @@ fn read_all(files: &[&Path], control: &Control, send: &SyncSender<Read>) {
 }
 
 /// Sends the rows of one file.
-fn read_one(file: &Path, control: &Control, send: &SyncSender<Read>) -> Result<(), TableError> {
-    let mut verdicts = VerdictReader::open_columns(file, &COLUMNS)?;
+fn read_one(
+    file: &Path,
+    columns: &[&str],
+    control: &Control,
+    send: &SyncSender<Read>,
+) -> Result<(), TableError> {
+    let mut verdicts = VerdictReader::open_columns(file, columns)?;
     while let Some(columns) = verdicts.next() {
         let columns = columns?;
         control.signals.fetch_add(columns.len() as u64, Ordering::Relaxed);

@@ -2,7 +2,7 @@
 //! maps (`map`).
 //!
 //! In: times in any order, ns. Out: the occupied bins in the order of time, all of one width, at
-//! most a given number of them. The width is a power of two of milliseconds and doubles whenever
+//! most a given number of them. The width is a power of two of the finest one and doubles whenever
 //! there would be more bins. Empty time takes no bin, so a single wrong time costs one bin, and a
 //! week without recordings none. The result depends on what was added, not on its order.
 
@@ -14,6 +14,8 @@ pub trait Pooled: Default {
     /// Most bins, at least 8: with the greatest width the whole range of i64 takes no more, so that doubling always
     /// ends.
     const MOST_BINS: usize;
+    /// Initial width of a bin, ns.
+    const FINEST_NS: i64;
 
     /// Adds the contents of another bin.
     fn pool(&mut self, other: Self);
@@ -30,20 +32,17 @@ pub struct TimeBins<T> {
     bins: BTreeMap<i64, T>,
 }
 
-/// Initial width of a bin, ns.
-const FINEST_NS: i64 = 1_000_000;
-
 impl<T: Pooled> Default for TimeBins<T> {
     /// No bins yet.
     fn default() -> TimeBins<T> {
-        TimeBins { width_ns: FINEST_NS, most: T::MOST_BINS, bins: BTreeMap::new() }
+        TimeBins { width_ns: T::FINEST_NS, most: T::MOST_BINS, bins: BTreeMap::new() }
     }
 }
 
 impl<T: Pooled> TimeBins<T> {
     /// The bin that holds a time, which is added if it is new; then others may be merged to make room.
     pub fn at(&mut self, t_ns: i64) -> &mut T {
-        while !self.bins.contains_key(&self.key(t_ns)) && self.bins.len() >= self.most {
+        while self.bins.len() >= self.most && !self.bins.contains_key(&self.key(t_ns)) {
             self.coarsen();
         }
         self.bins.entry(self.key(t_ns)).or_default()
@@ -98,6 +97,7 @@ mod tests {
 
     impl Pooled for Sum {
         const MOST_BINS: usize = 64;
+        const FINEST_NS: i64 = 1_000_000;
 
         fn pool(&mut self, other: Sum) {
             self.0 += other.0;

@@ -64,6 +64,7 @@ mod runs {
 
 impl Pooled for Cells {
     const MOST_BINS: usize = MOST_ROWS;
+    const FINEST_NS: i64 = 1_000_000;
 
     fn pool(&mut self, other: Cells) {
         self.span = whole(self.span.into_iter().chain(other.span));

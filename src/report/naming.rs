@@ -30,6 +30,7 @@ pub struct Called {
 impl Pooled for Called {
     /// Most bins that a channel's signals are pooled in.
     const MOST_BINS: usize = 96;
+    const FINEST_NS: i64 = 1_000_000;
 
     fn pool(&mut self, other: Called) {
         self.named += other.named;

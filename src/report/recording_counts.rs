@@ -89,6 +89,11 @@ impl RecordingCounts {
         self.heads.iter().filter_map(|head| Some(head.tally.span?.0)).min()
     }
 
+    /// Whether any channel is watched. Without one, what flagged rows say is not asked.
+    pub fn has_episodes(&self) -> bool {
+        self.heads.iter().any(|head| !head.watched.is_empty())
+    }
+
     /// Adds one batch of verdicts.
     pub fn add(&mut self, c: &VerdictColumns, names: Names) {
         let code = |name: &String| code(&mut self.categories, name);

@@ -17,6 +17,7 @@ use super::tuned;
 use crate::model::normal::upper_tail;
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 use serde::{Deserialize, Serialize};
+use std::sync::OnceLock;
 
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -43,6 +44,9 @@ pub struct ClassDensity {
     to_axes: Vec<Vec<f64>>,
     ln_determinant: f64,
     axes: Vec<Axis>,
+    /// ln of what does not depend on the features; computed once.
+    #[serde(skip)]
+    ln_scale: OnceLock<f64>,
 }
 
 impl ClassDensity {
@@ -89,9 +93,10 @@ impl ClassDensity {
     }
 
     pub fn ln_density(&self, x: &[f64]) -> f64 {
+        let scale = || self.ln_determinant + self.axes.iter().map(|a| a.ln_scale()).sum::<f64>();
         let axes = self.axes.iter().zip(&self.to_axes);
-        let along: f64 = axes.map(|(axis, row)| axis.ln_density(self.along(row, x))).sum();
-        self.ln_determinant + along
+        let along: f64 = axes.map(|(axis, row)| axis.ln_shape(self.along(row, x))).sum();
+        self.ln_scale.get_or_init(scale) + along
     }
 
     fn along(&self, row: &[f64], x: &[f64]) -> f64 {
@@ -162,6 +167,7 @@ fn density_along(
         to_axes: to_axes.row_iter().map(|r| r.iter().copied().collect()).collect(),
         ln_determinant,
         axes,
+        ln_scale: OnceLock::new(),
     };
     Some((likelihood, density))
 }
@@ -229,24 +235,26 @@ impl Range {
 
 impl Axis {
     fn ln_likelihood(self, u: &[f64], middle: f64) -> f64 {
-        u.iter().map(|u| self.ln_density(u - middle)).sum()
+        let shapes: f64 = u.iter().map(|u| self.ln_shape(u - middle)).sum();
+        u.len() as f64 * self.ln_scale() + shapes
     }
 
-    fn ln_density(self, u: f64) -> f64 {
+    /// ln of the density over e^[`Axis::ln_scale`].
+    fn ln_shape(self, u: f64) -> f64 {
         match self {
-            Axis::Gaussian(sd) => -0.5 * (u / sd).powi(2) + self.ln_scale(),
+            Axis::Gaussian(sd) => -0.5 * (u / sd).powi(2),
             Axis::Range(range) => {
                 let [beyond, far] = range.ends(u);
                 // so far inside, both tails are nothing beside 1, and most examples lie there
                 if beyond < -9.0 {
-                    return range.ln_tilt(u) + self.ln_scale();
+                    return range.ln_tilt(u);
                 }
                 let mass = (upper_tail(beyond) - upper_tail(far)).max(0.0);
                 let ln_mass = match mass > 1e-280 {
                     true => mass.ln(),
                     false => -0.5 * beyond * beyond - (beyond * SQRT_TAU).ln(),
                 };
-                range.ln_tilt(u) + ln_mass + self.ln_scale()
+                range.ln_tilt(u) + ln_mass
             }
         }
     }

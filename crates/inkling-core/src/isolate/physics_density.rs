@@ -51,6 +51,7 @@ pub struct Guess {
 struct Weighted {
     what: Alternative,
     weight: f64,
+    ln_weight: f64,
 }
 
 /// One kind of fault that a class stands for.
@@ -187,7 +188,7 @@ impl FaultCurves {
         let share: Vec<f64> = share.iter().map(|share| share / sum).collect();
         let curve = self.add(curve, Guess::default());
         self.classes.push(vec![SeverityPrior { curve, share: NodeColumns::in_blocks(&share) }]);
-        self.alternatives.push(Weighted { what, weight });
+        self.alternatives.push(Weighted { what, weight, ln_weight: weight.ln() });
     }
 
     /// `ring`: how ln damping and ln frequency of the healthy ring have changed.
@@ -216,7 +217,7 @@ impl FaultCurves {
         let contrasts = self.alternatives.iter().zip(ln_alternatives).enumerate();
         let contrasts =
             contrasts.filter(|(_, (of, _))| matches!(of.what, Alternative::Contrast(_)));
-        let densities = contrasts.map(|(number, (of, ln))| (number, ln - of.weight.ln()));
+        let densities = contrasts.map(|(number, (of, ln))| (number, ln - of.ln_weight));
         let (number, ln) = densities.max_by(|p, q| p.1.total_cmp(&q.1))?;
         (ln_class.is_finite() && ln >= ln_class + Appearance::AS_WELL.ln()).then_some(number)
     }
@@ -260,7 +261,7 @@ fn portable(of: &FaultCurves, x: &Vector4<f64>, conditions: Conditions, out: &mu
     let classes = of.classes.len() - of.alternatives.len();
     ln_alternatives.clear();
     ln_alternatives.extend(
-        ln_densities.drain(classes..).zip(&of.alternatives).map(|(p, of)| p + of.weight.ln()),
+        ln_densities.drain(classes..).zip(&of.alternatives).map(|(p, of)| p + of.ln_weight),
     );
 }
 
