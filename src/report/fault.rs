@@ -90,9 +90,9 @@ impl Fault {
     }
 }
 
-/// The key under which the settings hold the action: the category, or the reason if there is none.
+/// The key under which the settings hold the action: the reason for which signals have no name, or else the category.
 fn key(story: &Story) -> &str {
-    story.category.as_deref().or(story.reason.map(Reason::as_str)).unwrap_or_default()
+    story.reason.map(Reason::as_str).or(story.category.as_deref()).unwrap_or_default()
 }
 
 /// The urgency by the file's formula. A certain trend extrapolates the severity by a day, or by the time over
@@ -151,7 +151,10 @@ pub fn what(story: &Story) -> String {
     let words = name_in_words(story);
     match (story.lost, story.ended_at_ns) {
         (None, _) => words,
-        (Some(_), None) => format!("no longer named; {words} when last known"),
+        (Some(_), None) => {
+            let now = story.explanation.as_deref().unwrap_or("no longer named");
+            format!("{now}; {words} when last known")
+        }
         (Some(_), Some(_)) => format!("not named at its end; {words} when last known"),
     }
 }

@@ -89,9 +89,10 @@ pub struct Story {
     pub category: Option<String>,
     /// Class, if the episode that the story is named after has one.
     pub fault: Option<String>,
-    /// For a story without a category: why its episode has none.
+    /// Why the episode of a story without a category has none; `no_ring`, too, where the cause now lies in the sensor line.
     pub reason: Option<Reason>,
-    /// For a story without a category: what its episode's explanation says, which is not trusted.
+    /// What the episode's explanation says (not trusted) of a story without a category, or of the last one where present
+    /// signals carry the name no longer.
     pub explanation: Option<String>,
     pub began_at_ns: i64,
     /// Whether the channel was seen healthy before the onset; if not, the fault may be older.
@@ -321,12 +322,20 @@ fn story(
     let within = distances.filter(|bin| bin.n > 0.0 && bin.t_ns() < to_ns as f64);
     let size_of_now = if lost.is_none() { last } else { LastSize::default() };
 
-    // What stands for the name of a story without a category.
+    // What stands for the name of a story without a category, and beside one that was lost: what the last episode
+    // says, unless that is only that it is uncertain.
     let is_unnamed = named.category.is_none();
-    let explanation = explanation(named).filter(|_| is_unnamed);
+    let last_episode = &spells[spells.len() - 1].episode;
+    let says_more =
+        last_episode.category.is_none() && last_episode.reason != Some(Reason::Uncertain);
+    let said_by = match lost {
+        None => Some(named).filter(|_| is_unnamed),
+        Some(_) => Some(last_episode).filter(|_| says_more && ended_at_ns.is_none()),
+    };
+    let explanation = said_by.and_then(explanation);
     let is_of_line = explanation.as_ref().is_some_and(|words| words.contains(SENSOR_LINE));
     let told = if is_of_line { Some(Reason::NoRing) } else { named.reason };
-    let reason = told.filter(|_| is_unnamed);
+    let reason = told.filter(|_| is_unnamed || is_of_line);
     Story {
         printhead: first.printhead.clone(),
         channel: first.channel,
@@ -475,6 +484,8 @@ mod tests {
         };
         let mut spells = spells_of(None);
         spells[5..].iter_mut().for_each(|of| of.episode.category = None);
+        let now = "half its size; look at cable";
+        spells[9].episode.explanation = format!("channel 7: {now}");
         let mut bursts = Vec::new();
         for r in 0..10 {
             for k in 0..20 {
@@ -504,6 +515,7 @@ mod tests {
         assert_eq!((s.severity_last, s.certainty), (None, None));
         assert_eq!(s.lost, Some(LastSize { severity: Some(1.4), sd: Some(0.1) }));
         assert_eq!(s.category.as_deref(), Some("dried_nozzle"), "the name it had");
+        assert_eq!((s.explanation.as_deref(), s.reason), (Some(now), Some(Reason::NoRing)));
         assert_eq!(s.known_at_ns, 4 * 24 * hour + 19_000_000);
         assert!(s.distance.is_some_and(|d| d > 10.9), "{:?}", s.distance);
         let trend = s.trend.expect("ten nights of distances");

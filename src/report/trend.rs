@@ -80,8 +80,8 @@ pub struct Severities {
 impl Pooled for Severities {
     /// Most bins that a channel's severities are pooled in.
     const MOST_BINS: usize = 96;
-    /// A trend takes an hour at least: finer bins would only be memory.
-    const FINEST_NS: i64 = 1_000_000_000;
+    /// About a second: a trend takes an hour at least, and finer bins would only be memory.
+    const FINEST_NS: i64 = 1_000_000 << 10;
 
     fn pool(&mut self, other: Severities) {
         self.n += other.n;

@@ -24,6 +24,8 @@ use std::sync::Arc;
 
 /// Longest sample period, s: even tides, sampled every ten minutes, have a shorter one.
 const LONGEST_PERIOD_S: f64 = 1000.0;
+/// Times that move so often in a burst say its length to a tenth, whatever their digits.
+const LEAST_MOVES: usize = 10;
 
 /// A conversion under way: the means by which bursts are made, and what was made so far.
 pub struct Conversion<'a> {
@@ -142,6 +144,15 @@ impl<'a> Conversion<'a> {
             return Err(of_burst(&format!("{period_s} {what}")));
         }
 
+        if let Some(told_s) = self.period_by_times(decay)
+            && !(0.5..=2.0).contains(&(told_s / period_s))
+        {
+            let what = format!(
+                "its times say one sample every {told_s:.3e} s, --period-s {period_s} s: which is right? Without --period-s its times are taken"
+            );
+            return Err(of_burst(&what));
+        }
+
         // the time of the burst
         let period_ns = period_s * 1e9;
         let samples_per_channel = decay.outputs.first().map_or(0, Vec::len) as u32;
@@ -193,6 +204,17 @@ impl<'a> Conversion<'a> {
             neighbours_fired: Bytes::new(),
             samples: samples.bytes,
         })
+    }
+
+    /// The mean time between a burst's samples by the table's own times, s. `None`: it has none, or they number the
+    /// samples, or they hardly move, as times of bursts and such of few digits.
+    fn period_by_times(&self, decay: &Decay) -> Option<f64> {
+        let [first, .., last] = decay.times[..] else { return None };
+        let unit_ns = self.times.as_ref().filter(|_| self.sampled.is_some())?.unit.ns;
+        let steps = (decay.times.len() - 1) as f64;
+        let moves = decay.times.windows(2).filter(|pair| pair[0] != pair[1]).count();
+        let are_numbers = last - first == steps;
+        (moves >= LEAST_MOVES && !are_numbers).then(|| (last - first) * unit_ns / 1e9 / steps)
     }
 
     /// The printhead of a burst: the one that its row names, or else that of all bursts. `name`: the
