@@ -4,10 +4,6 @@
 //! `examples/benchmark_recording.rs` and `docs/design/streaming.md`.
 
 use bytes::Bytes;
-use clarabel::algebra::CscMatrix;
-use clarabel::solver::{
-    DefaultSettingsBuilder, DefaultSolver, IPSolver, NonnegativeConeT, ZeroConeT,
-};
 use divan::counter::ItemsCount;
 use divan::{Bencher, black_box};
 use inkling::burst::{Burst, Format, Layout};
@@ -163,44 +159,6 @@ fn active_set(bencher: Bencher) {
     bencher.counter(ItemsCount::new(SIGNALS)).bench_local(|| {
         problems.iter().for_each(|c| simplex.solve(black_box(c), &mut phi));
         phi[0]
-    });
-}
-
-/// The same by clarabel, a new solver each; an item is a problem.
-#[divan::bench]
-fn active_set_by_clarabel(bencher: Bencher) {
-    let design = design();
-    let of: Vec<&[f64]> = design.classes.iter().map(|c| &c.deviation[..]).collect();
-    let product = |p: &[f64], q: &[f64]| p.iter().zip(q).map(|(p, q)| p * q).sum::<f64>();
-    let n = of.len();
-    let upper = |i: usize, j: usize| if j >= i { product(of[i], of[j]) } else { 0.0 };
-    let rows: Vec<Vec<f64>> = (0..n).map(|i| (0..n).map(|j| upper(i, j)).collect()).collect();
-    let gram = CscMatrix::from(&rows);
-    let mut rng = ChaCha8Rng::seed_from_u64(SEED);
-    let problems: Vec<Vec<f64>> = (0..64)
-        .map(|i| {
-            let r: Vec<f64> =
-                of[i % n].iter().map(|d| d + 30.0 * rng.random_range(-1.0..1.0)).collect();
-            of.iter().map(|column| -product(column, &r)).collect()
-        })
-        .collect();
-    // the sum is one, none is negative
-    let mut rows = vec![vec![1.0; n]];
-    rows.extend((0..n).map(|i| (0..n).map(|j| if i == j { -1.0 } else { 0.0 }).collect()));
-    let constraints = CscMatrix::from(&rows);
-    let mut bounds = vec![0.0; n + 1];
-    bounds[0] = 1.0;
-    let cones = [ZeroConeT(1), NonnegativeConeT(n)];
-    bencher.counter(ItemsCount::new(problems.len())).bench_local(|| {
-        for q in &problems {
-            let settings =
-                DefaultSettingsBuilder::default().verbose(false).build().expect("settings");
-            let mut solver =
-                DefaultSolver::new(&gram, black_box(q), &constraints, &bounds, &cones, settings)
-                    .expect("a program");
-            solver.solve();
-            black_box(&solver.solution.x);
-        }
     });
 }
 

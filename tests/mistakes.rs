@@ -72,6 +72,7 @@ const MISTAKES: &[(&str, i32, &str)] = &[
     ("replay {R} --set input.design=$HOME/design.json", 2, "write the whole path"),
     ("replay {R} --config {L}", 2, "labels.csv"),
     // files of another kind
+    ("replay missing*.mcap", 1, "no file fits"),
     ("replay {R} --design missing.json", 2, "missing.json"),
     ("replay {R} --design {R}", 2, "not a design"),
     ("replay {R} --design {L}", 2, "`inkling train` makes one"),

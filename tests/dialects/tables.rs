@@ -206,11 +206,4 @@ fn bad_tables_are_refused_and_leave_no_recording() {
         house.run(&format!("convert {name} -o a.mcap {options}")).exits(code).says(says);
         assert!(!house.path("a.mcap").exists());
     }
-    house.write("t.csv", "t,y\n0,1\n1,2\n2,1\n3,5\n");
-    let run = |options: &str| house.run(&format!("convert t.csv -o a.mcap {options}"));
-    run("--resample --period-s 1").exits(2).says("no effect");
-    run("--every 1 --period-s 1 --time t").exits(2).says("give one of them");
-    run("--every -1").exits(2).says("--every");
-    run("--printhead=").exits(2).says("--printhead");
-    run("--temperature warm").exits(2).says("no column \"warm\"; there are t, y");
 }
