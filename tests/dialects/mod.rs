@@ -6,7 +6,7 @@ mod tables;
 pub mod writers;
 
 use crate::house::{Ended, House};
-use crate::recipes::{ours, some};
+use crate::recipes::{own_messages, some};
 use crate::recorded::{sample, verdicts};
 use inkling::burst::Burst;
 use inkling::io::burst_codec;
@@ -312,7 +312,7 @@ fn topics_that_nothing_can_read_are_told_with_quiet_too_if_they_are_called_like_
         message_encoding,
         encode: |burst| burst.samples.to_vec(),
     };
-    let ours = ours();
+    let ours = own_messages();
     for (written, topic, says) in [
         (of("acme_msgs/Ring", "ros1msg", "ros1"), "/k-2", "encoding \"ros1\" are not read"),
         (of("acme_msgs/msg/Data", "ros2idl", "cdr"), "/k-2/burst", "not by \"ros2idl\""),

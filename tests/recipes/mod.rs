@@ -72,7 +72,7 @@ fn unescaped(text: &str) -> String {
 }
 
 /// Our own messages, for recordings that others write, too.
-pub fn ours() -> Written {
+pub fn own_messages() -> Written {
     Written {
         schema_name: burst_codec::SCHEMA_NAME,
         schema_encoding: burst_codec::MESSAGE_ENCODING,
@@ -92,7 +92,7 @@ fn foreign(words: &str) -> Vec<u8> {
         "cdr" => writers::ros2(false),
         _ => panic!("no encoding is called {encoding}"),
     };
-    let native = ours();
+    let native = own_messages();
     let mut messages = Messages::default();
     messages.add_bursts(&written, &made(theirs));
     for burst in made(ours) {
