@@ -12,7 +12,6 @@ use inkling::detect::lane_sensitivity::{LaneSensitivity, Limits};
 use inkling::detect::row_projection::{LANES, Projections, Room};
 use inkling::io;
 use inkling::io::burst_codec::{BurstDecoder, encode};
-use inkling::io::decompress::Decompressor;
 use inkling::io::design_file;
 use inkling::io::verdict_table::{TableOptions, TimestampUnit, VerdictWriter};
 use inkling::isolate::{SignatureMatrix, Simplex};
@@ -97,30 +96,6 @@ fn by_sensitivities(bencher: Bencher, &(instructions, layout): &(Instructions, L
             settled += judged.settled.iter().filter(|&&s| s).count();
         }
         settled
-    });
-}
-
-/// A chunk's worth of bursts, bare decompression and checksum.
-#[divan::bench(args = ["", "lz4", "zstd"])]
-fn chunk_decode(bencher: Bencher, compression: &str) {
-    let bytes: Vec<u8> = std::iter::repeat_n(burst(Layout::ChannelMajor).samples, 4)
-        .enumerate()
-        .flat_map(|(i, b)| b.iter().map(|v| v.rotate_left(i as u32)).collect::<Vec<u8>>())
-        .collect();
-    let bytes = if compression == "zstd" { &bytes[..bytes.len() / 4] } else { &bytes[..] };
-    let compressed = match compression {
-        "zstd" => zstd::bulk::compress(bytes, 3).expect("zstd"),
-        "lz4" => {
-            let mut encoder = lz4_flex::frame::FrameEncoder::new(Vec::new());
-            std::io::Write::write_all(&mut encoder, bytes).expect("lz4");
-            encoder.finish().expect("lz4")
-        }
-        _ => bytes.to_vec(),
-    };
-    let (mut decompressor, mut out) = (Decompressor::default(), vec![0; bytes.len()]);
-    bencher.counter(ItemsCount::new(bytes.len() / 256)).bench_local(|| {
-        decompressor.decompress(compression, &compressed, &mut out).expect("whole");
-        crc32fast::hash(&out)
     });
 }
 
