@@ -7,15 +7,12 @@ pub mod writers;
 
 use crate::house::{Ended, House};
 use crate::recipes::{own_messages, some};
-use crate::recorded::{sample, verdicts};
+use crate::recorded::{Verdicts, sample, verdicts};
 use inkling::burst::Burst;
 use inkling::io::burst_codec;
 use inkling::io::dialect::guess::guess;
 use inkling::io::dialect::plan::ChannelDescription as OfChannel;
-use std::collections::BTreeMap;
 use writers::{Messages, Samples, Written, json, protobuf, ros2};
-
-pub type Verdicts = BTreeMap<(i64, String, u32), String>;
 
 /// Of two printheads, one without temperatures.
 fn bursts() -> Vec<Burst> {
