@@ -244,6 +244,11 @@ mod tests {
     }
 
     #[test]
+    fn window_without_a_majority_is_refused() {
+        assert!(matches!(agreeing(&ringing(100, 45), 0.6), Err(IdentifyError::NoMajority { .. })));
+    }
+
+    #[test]
     fn drive_scales_the_expected_signal() {
         let mut set = SignalSet::new(8);
         for i in 0..32 {

@@ -325,3 +325,14 @@ fn still_on_has_no_end_and_rejected_signals_are_no_looks() {
     assert_eq!((episodes.len(), counts.still_on), (1, 1));
     assert_eq!((episodes[0].ended_at_ns, episodes[0].bursts), (None, 15));
 }
+
+#[test]
+fn without_classes_episodes_are_found_and_not_named() {
+    let tracker = Tracker::new(&[], &[], 0.8, &EpisodeSettings::default());
+    let unnamed = bursts().into_iter().map(|b| Looks { named: Vec::new(), ..b });
+    let (episodes, _) = run(tracker, unnamed);
+    assert_eq!(episodes.len(), 1);
+    let e = &episodes[0];
+    assert_eq!((&e.fault, &e.category, e.certainty), (&None, &None, None));
+    assert_eq!(e.explanation, "channel 7: rings unlike a healthy channel: not named");
+}
