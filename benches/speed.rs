@@ -4,10 +4,6 @@
 //! `examples/benchmark_recording.rs` and `docs/design/streaming.md`.
 
 use bytes::Bytes;
-use clarabel::algebra::CscMatrix;
-use clarabel::solver::{
-    DefaultSettingsBuilder, DefaultSolver, IPSolver, NonnegativeConeT, ZeroConeT,
-};
 use divan::counter::ItemsCount;
 use divan::{Bencher, black_box};
 use inkling::burst::{Burst, Format, Layout};
@@ -16,7 +12,6 @@ use inkling::detect::lane_sensitivity::{LaneSensitivity, Limits};
 use inkling::detect::row_projection::{LANES, Projections, Room};
 use inkling::io;
 use inkling::io::burst_codec::{BurstDecoder, encode};
-use inkling::io::decompress::Decompressor;
 use inkling::io::design_file;
 use inkling::io::verdict_table::{TableOptions, TimestampUnit, VerdictWriter};
 use inkling::isolate::{SignatureMatrix, Simplex};
@@ -104,30 +99,6 @@ fn by_sensitivities(bencher: Bencher, &(instructions, layout): &(Instructions, L
     });
 }
 
-/// A chunk's worth of bursts, bare decompression and checksum.
-#[divan::bench(args = ["", "lz4", "zstd"])]
-fn chunk_decode(bencher: Bencher, compression: &str) {
-    let bytes: Vec<u8> = std::iter::repeat_n(burst(Layout::ChannelMajor).samples, 4)
-        .enumerate()
-        .flat_map(|(i, b)| b.iter().map(|v| v.rotate_left(i as u32)).collect::<Vec<u8>>())
-        .collect();
-    let bytes = if compression == "zstd" { &bytes[..bytes.len() / 4] } else { &bytes[..] };
-    let compressed = match compression {
-        "zstd" => zstd::bulk::compress(bytes, 3).expect("zstd"),
-        "lz4" => {
-            let mut encoder = lz4_flex::frame::FrameEncoder::new(Vec::new());
-            std::io::Write::write_all(&mut encoder, bytes).expect("lz4");
-            encoder.finish().expect("lz4")
-        }
-        _ => bytes.to_vec(),
-    };
-    let (mut decompressor, mut out) = (Decompressor::default(), vec![0; bytes.len()]);
-    bencher.counter(ItemsCount::new(bytes.len() / 256)).bench_local(|| {
-        decompressor.decompress(compression, &compressed, &mut out).expect("whole");
-        crc32fast::hash(&out)
-    });
-}
-
 /// A message to a burst; an item is a burst.
 #[divan::bench(args = [1, 1024])]
 fn burst_codec(bencher: Bencher, channels: u32) {
@@ -163,44 +134,6 @@ fn active_set(bencher: Bencher) {
     bencher.counter(ItemsCount::new(SIGNALS)).bench_local(|| {
         problems.iter().for_each(|c| simplex.solve(black_box(c), &mut phi));
         phi[0]
-    });
-}
-
-/// The same by clarabel, a new solver each; an item is a problem.
-#[divan::bench]
-fn active_set_by_clarabel(bencher: Bencher) {
-    let design = design();
-    let of: Vec<&[f64]> = design.classes.iter().map(|c| &c.deviation[..]).collect();
-    let product = |p: &[f64], q: &[f64]| p.iter().zip(q).map(|(p, q)| p * q).sum::<f64>();
-    let n = of.len();
-    let upper = |i: usize, j: usize| if j >= i { product(of[i], of[j]) } else { 0.0 };
-    let rows: Vec<Vec<f64>> = (0..n).map(|i| (0..n).map(|j| upper(i, j)).collect()).collect();
-    let gram = CscMatrix::from(&rows);
-    let mut rng = ChaCha8Rng::seed_from_u64(SEED);
-    let problems: Vec<Vec<f64>> = (0..64)
-        .map(|i| {
-            let r: Vec<f64> =
-                of[i % n].iter().map(|d| d + 30.0 * rng.random_range(-1.0..1.0)).collect();
-            of.iter().map(|column| -product(column, &r)).collect()
-        })
-        .collect();
-    // the sum is one, none is negative
-    let mut rows = vec![vec![1.0; n]];
-    rows.extend((0..n).map(|i| (0..n).map(|j| if i == j { -1.0 } else { 0.0 }).collect()));
-    let constraints = CscMatrix::from(&rows);
-    let mut bounds = vec![0.0; n + 1];
-    bounds[0] = 1.0;
-    let cones = [ZeroConeT(1), NonnegativeConeT(n)];
-    bencher.counter(ItemsCount::new(problems.len())).bench_local(|| {
-        for q in &problems {
-            let settings =
-                DefaultSettingsBuilder::default().verbose(false).build().expect("settings");
-            let mut solver =
-                DefaultSolver::new(&gram, black_box(q), &constraints, &bounds, &cones, settings)
-                    .expect("a program");
-            solver.solve();
-            black_box(&solver.solution.x);
-        }
     });
 }
 

@@ -50,26 +50,6 @@ fn a_setting_that_cannot_take_effect_is_refused_with_what_to_do() {
 }
 
 #[test]
-fn exit_code_1_where_nothing_can_be_done() {
-    let house = House::new();
-    std::fs::create_dir(house.path("empty")).unwrap();
-    house.write("zero.mcap", b"");
-    house.write("text.mcap", b"printhead,channel,from,to,state,severity\n");
-    house.write("broken.json", b"{\"version\": 1}");
-    for (command, exit, said) in [
-        ("replay missing*.mcap", 1, "missing*.mcap"),
-        ("replay empty", 1, "mcap"),
-        ("replay zero.mcap", 1, "empty"),
-        ("inspect zero.mcap", 1, "empty"),
-        ("replay text.mcap", 1, "not an MCAP"),
-        ("replay text.mcap --design broken.json", 2, "broken.json"),
-    ] {
-        house.run(command).exits(exit).says(said);
-    }
-    assert!(!house.path("verdicts/text.verdicts.parquet").exists());
-}
-
-#[test]
 fn what_no_terminal_shows_has_no_progress() {
     let house = House::new();
     let ended = house.run("simulate sample_logs/scenarios/sample.toml -o run").exits(0);

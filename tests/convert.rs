@@ -28,31 +28,6 @@ fn made(house: &House) -> Vec<(f64, u32)> {
 }
 
 #[test]
-fn the_unit_of_times_is_read_however_it_is_written_and_said() {
-    for (name, unit_us, said) in [
-        ("Time (ms)", 1e3, "milliseconds, as the column"),
-        ("TIME_MS", 1e3, "milliseconds"),
-        ("t/ms", 1e3, "milliseconds"),
-        ("Time in ms", 1e3, "milliseconds"),
-        ("Time [us]", 1.0, "microseconds"),
-        ("Time us", 1.0, "microseconds"),
-        ("t_uS", 1.0, "microseconds"),
-        ("Zeit (\u{b5}s)", 1.0, "microseconds"),
-        ("Time (\u{3bc}s)", 1.0, "microseconds"),
-        ("timeNs", 1e-3, "nanoseconds"),
-        ("Time(S)", 1e6, "seconds, as the column"),
-        ("time_s", 1e6, "seconds, as the column"),
-        ("time", 1e6, "seconds, as the column \"time\" says no unit"),
-    ] {
-        let house = House::new();
-        house.write("t.csv", format!("{name},a,b\r\n{}", rows(unit_us, ',').replace('\n', "\r\n")));
-        let told = house.ok("convert t.csv -o t.mcap");
-        assert!(told.contains(&format!("times are taken as {said}")), "{name}: {told}");
-        assert_eq!(made(&house), [(1e-6, 2)], "{name}");
-    }
-}
-
-#[test]
 fn a_unit_that_is_not_understood_is_refused_and_an_option_gives_it() {
     let house = House::new();
     for name in ["Time (shakes)", "t [10 us]", "time_ticks", "Time in samples", "t/1e-6 s"] {

@@ -1,7 +1,6 @@
 //! Critique on real ring-downs: those in `tests/measured`, and those beside the project, which may not be copied into it.
 
 use crate::house::{House, root};
-use crate::recorded::bursts;
 use serde_json::Value;
 
 /// What the critique says of a table, beside the tests or beside the project.
@@ -169,36 +168,4 @@ fn one_cart_is_close_to_linear() {
     let even = ["spring of even order", "stiffer on one side"];
     assert!(names(&c).is_empty(), "{}", c["causes"]);
     assert!(c["verdict"] == "none" || even.iter().any(|like| says(&c, like)), "{}", c["remarks"]);
-}
-
-/// Real ring-downs, where they are: they may not be copied into the project.
-#[test]
-#[cfg_attr(not(measured), ignore = "no measured ring-downs in ../shared/measured")]
-fn measured_tables_become_recordings() {
-    let measured = root().join("../shared/measured");
-    let house = House::new();
-    let silverbox = "--time time_s --outputs output_v --burst gap";
-    for (name, options, bursts_channels_samples, period_s) in [
-        ("air_track_one_mass", "", (1, 1, 870), 0.033378),
-        ("air_track_two_masses", "", (1, 2, 495), 0.033378),
-        ("beam_aluminium", "", (1, 2, 4096), 1.0 / 2048.0),
-        ("pendulum_wooden_bob", "", (1, 1, 917), 1.0 / 30.0),
-        ("silverbox_free_decays", silverbox, (5, 1, 88), 1.6384e-3),
-        ("pendulum", "--resample", (1, 1, 568), 1.0 / 6.0),
-    ] {
-        let table = measured.join(format!("{name}.csv"));
-        house.ok(&format!("convert {} {options} -o {name}.mcap", table.display()));
-        let bursts = bursts(&house.path(&format!("{name}.mcap")));
-        let (count, channels, samples) = bursts_channels_samples;
-        assert_eq!(bursts.len(), count, "{name}");
-        for burst in &bursts {
-            assert_eq!((burst.channels, burst.samples_per_channel), (channels, samples), "{name}");
-            assert!((burst.sample_period_s / period_s - 1.0).abs() < 1e-4, "{name}");
-        }
-    }
-    let pendulum = measured.join("pendulum.csv");
-    house
-        .run(&format!("convert {} -o p.mcap", pendulum.display()))
-        .exits(1)
-        .says("samples missing after");
 }

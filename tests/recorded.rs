@@ -47,11 +47,20 @@ pub type Acquired = (i64, String, u32);
 /// What is said of each signal.
 pub type Verdicts = BTreeMap<Acquired, String>;
 
-/// The rows of a table in their order: of which signal, what is said of it, and by which model.
-pub fn table_rows(path: &Path) -> Vec<(Acquired, String, Option<u16>)> {
+/// The rows of a table in their order: of which signal, and what `said` makes of it.
+pub fn each_row<T>(path: &Path, said: impl Fn(&VerdictColumns, usize) -> T) -> Vec<(Acquired, T)> {
     let row = |c: &VerdictColumns, i: usize| {
         let printhead = c.printheads[c.printhead[i] as usize].to_string();
-        let said = format!(
+        ((c.acquired_at_ns[i], printhead, c.channel[i]), said(c, i))
+    };
+    let batches = VerdictReader::open(path).unwrap().map(Result::unwrap);
+    batches.flat_map(|c| (0..c.len()).map(|i| row(&c, i)).collect::<Vec<_>>()).collect()
+}
+
+/// The rows of a table in their order: of which signal, and all that is said of it.
+pub fn table_rows(path: &Path) -> Vec<(Acquired, String)> {
+    each_row(path, |c, i| {
+        format!(
             "{:?} {:?} {:?} {:?} {:?} {:?} {:?} {:?} {:?} {:?} {:?} {:?}",
             c.outcome[i],
             c.category[i],
@@ -65,16 +74,13 @@ pub fn table_rows(path: &Path) -> Vec<(Acquired, String, Option<u16>)> {
             c.severity[i],
             c.severity_sd[i],
             c.reason[i]
-        );
-        ((c.acquired_at_ns[i], printhead, c.channel[i]), said, c.model[i])
-    };
-    let batches = VerdictReader::open(path).unwrap().map(Result::unwrap);
-    batches.flat_map(|c| (0..c.len()).map(|i| row(&c, i)).collect::<Vec<_>>()).collect()
+        )
+    })
 }
 
 pub fn verdicts(path: &Path) -> Verdicts {
     let mut verdicts = Verdicts::new();
-    for (of, said, _) in table_rows(path) {
+    for (of, said) in table_rows(path) {
         assert!(verdicts.insert(of, said).is_none(), "a signal has two rows");
     }
     verdicts

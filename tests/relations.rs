@@ -3,9 +3,10 @@
 //! in both forms. Settings and parts of the recording are drawn, in all modes.
 
 use crate::house::House;
-use crate::recorded::{AS_RECORDED, bursts, rows, sample, with_samples, with_signals};
+use crate::recorded::{
+    AS_RECORDED, Acquired, bursts, counts, each_row, sample, with_samples, with_signals,
+};
 use inkling::burst::Burst;
-use inkling::io::verdict_reader::VerdictReader;
 use inkling::verdict::VerdictColumns;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -17,9 +18,6 @@ const MODES: [&str; 3] = [
     "--design sample_logs/design.json --identify design",
 ];
 const YEAR_NS: i64 = 31_536_000_000_000_000;
-
-/// Time, printhead and channel of a signal.
-type Signal = (i64, String, u32);
 
 /// What is said of a signal: in words, and in numbers.
 #[derive(Debug, PartialEq)]
@@ -38,22 +36,19 @@ impl Said {
     }
 }
 
-fn said(house: &House, name: &str, options: &str) -> BTreeMap<Signal, Said> {
+fn said(house: &House, name: &str, options: &str) -> BTreeMap<Acquired, Said> {
     let ended = house.run(&format!("replay {name}.mcap {options} --out {name} --quiet --force"));
     assert!(matches!(ended.code(), Some(0 | 3 | 4)), "{options}: {}", ended.stderr());
     let row = |c: &VerdictColumns, i: usize| {
-        let head = c.printheads[c.printhead[i] as usize].to_string();
         let words = format!(
             "{:?} {:?} {:?} {:?} {:?}",
             c.outcome[i], c.category[i], c.fault[i], c.test[i], c.reason[i]
         );
         let numbers = [c.statistic[i], c.threshold[i], c.misfit[i], c.severity[i]];
         let numbers = numbers.map(|of| of.unwrap_or(f32::NAN)).to_vec();
-        ((c.acquired_at_ns[i], head, c.channel[i]), Said { words, numbers })
+        Said { words, numbers }
     };
-    let table = house.path(&format!("{name}/{name}.verdicts.parquet"));
-    let batches = VerdictReader::open(&table).unwrap().map(Result::unwrap);
-    batches.flat_map(|c| (0..c.len()).map(|i| row(&c, i)).collect::<Vec<_>>()).collect()
+    each_row(&house.path(&format!("{name}/{name}.verdicts.parquet")), row).into_iter().collect()
 }
 
 /// Some heads of the sample over some time, of 48 channels, or of two of them side by side.
@@ -73,25 +68,24 @@ fn part(draws: &mut ChaCha8Rng) -> Vec<Burst> {
     let of =
         |head: &str| part.iter().filter(|of| &*of.printhead == head).cloned().collect::<Vec<_>>();
     let wide = of("cyan-1").into_iter().zip(of("black-2")).map(|(left, right)| {
-        let counts = rows(&left).into_iter().chain(rows(&right));
-        let counts: Vec<Vec<f32>> = counts.map(|y| y.iter().map(|y| *y as f32).collect()).collect();
-        let of = with_signals(&left, &counts, AS_RECORDED);
+        let both = [counts(&left), counts(&right)].concat();
+        let of = with_signals(&left, &both, AS_RECORDED);
         Burst { idle_time_s: Vec::new(), neighbours_fired: Default::default(), ..of }
     });
     wide.collect()
 }
 
 fn mirrored(of: &Burst) -> Burst {
-    let counts = rows(of).into_iter().rev();
-    let counts: Vec<Vec<f32>> = counts.map(|y| y.iter().map(|y| *y as f32).collect()).collect();
-    let mirrored = with_signals(of, &counts, AS_RECORDED);
+    let mut signals = counts(of);
+    signals.reverse();
+    let mirrored = with_signals(of, &signals, AS_RECORDED);
     let idle: Vec<f32> = of.idle_time_s.iter().rev().copied().collect();
     let neighbours: Vec<u8> = of.neighbours_fired.iter().rev().copied().collect();
     Burst { idle_time_s: idle, neighbours_fired: neighbours.into(), ..mirrored }
 }
 
 /// A change of a recording, and where a signal of it is found in the changed one.
-type Relation = (&'static str, fn(Burst) -> Burst, fn(Signal, u32) -> Signal);
+type Relation = (&'static str, fn(Burst) -> Burst, fn(Acquired, u32) -> Acquired);
 
 const RELATIONS: [Relation; 6] = [
     (
@@ -141,7 +135,7 @@ fn what_must_not_matter_does_not() {
                 let changed: Vec<Burst> = original.iter().cloned().map(change).collect();
                 house.record("changed.mcap", &changed);
                 let changed = said(&house, "changed", &options);
-                let differs = |(of, said): &(&Signal, &Said)| {
+                let differs = |(of, said): &(&Acquired, &Said)| {
                     !changed.get(&there((*of).clone(), channels)).is_some_and(|now| now.is_as(said))
                 };
                 let first = as_it_is.iter().find(differs);
@@ -177,8 +171,9 @@ fn other_printheads_in_the_file_do_not_matter() {
             let options = format!("{mode} --set identify.window_signals=300");
             let (alone, others) =
                 (said(&house, "alone", &options), said(&house, "others", &options));
-            let differs =
-                |(of, said): &(&Signal, &Said)| !others.get(*of).is_some_and(|now| now.is_as(said));
+            let differs = |(of, said): &(&Acquired, &Said)| {
+                !others.get(*of).is_some_and(|now| now.is_as(said))
+            };
             let first = alone.iter().find(differs);
             assert!(first.is_none(), "{name}, {mode}: {first:?}");
         }
@@ -217,7 +212,7 @@ fn raised(of: Vec<Burst>, counts: f64) -> Vec<Burst> {
 }
 
 /// What is said of the signals by their outcomes alone, and of how many it differs.
-fn differing(as_it_is: &BTreeMap<Signal, Said>, raised: &BTreeMap<Signal, Said>) -> f64 {
+fn differing(as_it_is: &BTreeMap<Acquired, Said>, raised: &BTreeMap<Acquired, Said>) -> f64 {
     let differ = as_it_is.iter().filter(|(of, said)| raised[of].words != said.words).count();
     differ as f64 / as_it_is.len() as f64
 }

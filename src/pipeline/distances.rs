@@ -352,20 +352,6 @@ mod tests {
         }
     }
 
-    /// All that a healthy signal holds is so many times as large, also what lies beside the ring.
-    #[test]
-    fn a_signal_that_is_louder_by_a_gain_is_a_ring() {
-        let judge = judge(&design(), None);
-        let expected = DVector::from_column_slice(&judge.model.expected);
-        for gain in [0.3, 0.5, 2.0, 4.0, 10.0] {
-            let deviation = &expected * (gain - 1.0);
-            let found =
-                judge.features(deviation.as_slice(), (1.0, 0.0), true, &mut Workspace::default());
-            let found = found.expect("a ring") + judge.healthy_mean().unwrap();
-            assert!((found[0] - f64::ln(gain)).abs() < 0.02, "{gain}: {found}");
-        }
-    }
-
     /// Where a cable is out, a fit finds a ring in what noise is left; that says nothing of where the channel lies. So
     /// it does at another temperature than the model's, where the correction takes off what no ring has put there.
     #[test]

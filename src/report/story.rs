@@ -410,25 +410,6 @@ mod tests {
     }
 
     #[test]
-    fn a_fault_that_stays_over_recordings_is_one_story_from_its_first_onset() {
-        let spells = (3..10).map(|r| spell(r, 100 * r as i64 + 2, None, "dried_nozzle")).collect();
-        let all = stories(&watched(spells, 10, |t| t >= 302), &RATES());
-        assert_eq!(all.len(), 1);
-        let s = &all[0];
-        assert_eq!((s.began_at_ns, s.ended_at_ns, s.recordings, s.cures), (302, None, 7, 0));
-    }
-
-    #[test]
-    fn cured_every_night_is_one_story_with_cures() {
-        let spells = (0..10)
-            .map(|r| spell(r, 100 * r as i64 + 2, Some(100 * r as i64 + 12), "dried_nozzle"))
-            .collect();
-        let all = stories(&watched(spells, 11, |t| (2..12).contains(&(t % 100))), &RATES());
-        assert_eq!(all.len(), 1);
-        assert_eq!((all[0].cures, all[0].ended_at_ns, all[0].began_at_ns), (9, Some(912), 2));
-    }
-
-    #[test]
     fn a_recording_that_begins_healthy_cures_what_was_still_on() {
         let spells = vec![spell(0, 5, None, "dried_nozzle")];
         let all = stories(&watched(spells, 3, |t| (5..100).contains(&t)), &RATES());
@@ -520,19 +501,6 @@ mod tests {
         assert!(s.distance.is_some_and(|d| d > 10.9), "{:?}", s.distance);
         let trend = s.trend.expect("ten nights of distances");
         assert!((trend.per_day - 1.0).abs() < 0.05, "{trend:?}");
-    }
-
-    #[test]
-    fn what_no_class_explains_keeps_its_words_and_sends_to_the_sensor_line() {
-        let words =
-            "nothing rings, noise alone: a dead sensor line; look at cable, not at the nozzle";
-        let mut on = spell(0, 5, None, "");
-        on.episode.category = None;
-        on.episode.explanation = format!("channel 7: {words}");
-        // the bursts were flagged without a reason, so the story's reason comes from the explanation
-        let all = stories(&watched(vec![on], 1, |t| t >= 5), &RATES());
-        assert_eq!(all[0].explanation.as_deref(), Some(words));
-        assert_eq!((all[0].reason, all[0].onset_seen), (Some(Reason::NoRing), true));
     }
 
     #[test]

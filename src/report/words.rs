@@ -172,36 +172,8 @@ mod tests {
     use super::*;
 
     #[test]
-    fn numbers_read_well() {
-        assert_eq!(thousands(1_234_567), "1\u{202f}234\u{202f}567");
-        assert_eq!(
-            (counted(1, "nozzle"), counted(12, "nozzle")),
-            ("1 nozzle".into(), "12 nozzles".into())
-        );
-        assert_eq!(
-            (signed(-0.004, 2), signed(-1.25, 1), signed(2.0, 0)),
-            ("0.00".into(), "−1.2".into(), "+2".into())
-        );
-        assert_eq!((digits_of(0.04), digits_of(3.0), digits_of(0.0)), (2, 0, 0));
-        assert_eq!(
-            (percent(1, 3), percent(0, 3), percent(1, 0)),
-            ("33.3 %".into(), "0 %".into(), "–".into())
-        );
-    }
-
-    #[test]
     fn what_is_the_same_of_many_channels_is_said_once() {
         let lines = [(4, "a"), (9, "b"), (0, "a"), (1, "a"), (2, "a"), (5, "a")];
         assert_eq!(alike(lines), [("0 to 2, 4, 5".into(), "a"), ("9".into(), "b")]);
-    }
-
-    #[test]
-    fn numbers_stand_at_the_right_and_words_at_the_left() {
-        let heads = [Number("n", 4), Words("name", 6), Last("what")];
-        let mut out = Vec::new();
-        let row = |cells: [&str; 3]| cells.map(str::to_owned);
-        columns(&mut out, heads, [row(["7", "a", "x y"]), row(["12345", "abcdefg", ""])]).unwrap();
-        let said = String::from_utf8(out).unwrap();
-        assert_eq!(said, "     n  name   what\n     7  a      x y\n  12345  abcdefg \n");
     }
 }

@@ -52,17 +52,3 @@ pub fn setting(of: &Table) -> Option<String> {
     let (removed, instead) = SETTINGS.iter().find(is_in)?;
     Some(format!("{removed} is no longer there: {instead}"))
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn what_is_no_longer_there_is_told_with_what_to_use_instead() {
-        let told = |text: &str| setting(&text.parse().unwrap());
-        assert!(told("[report]\nrows = 2").is_some_and(|said| said.starts_with("report.rows is")));
-        assert_eq!(told("[report]\n[detect]\nrows = 2"), None);
-        assert_eq!(told("report = 3"), None);
-        assert_eq!(option("--output"), None);
-    }
-}

@@ -209,21 +209,3 @@ fn a_text_of_samples_is_one_value_whatever_its_length() {
     let Acquisition::Usable(burst) = decoded else { panic!("not read: {decoded:?}") };
     assert_eq!(burst.samples_per_channel, 65_536);
 }
-
-#[test]
-fn other_encodings_and_schemas_are_refused_with_what_is_read() {
-    let kinds = kinds();
-    let refused = |encoding: &'static str, schema_encoding: &str| {
-        let schema = Schema {
-            name: "acme_msgs/msg/Waves".into(),
-            encoding: schema_encoding.into(),
-            data: Vec::new(),
-        };
-        let dialect = kinds[0].dialect.clone();
-        plan(&Kind { dialect, schema: Some(schema), encoding, message: Vec::new() }).unwrap_err()
-    };
-    assert!(refused("flatbuffer", "flatbuffer").contains("read are protobuf, json, cdr"));
-    assert!(refused("cdr", "ros2idl").contains("by ros2msg, not by \"ros2idl\""));
-    assert!(refused("protobuf", "protobuf").contains("has no message"));
-    assert!(refused("ros1", "ros1msg").contains("encoding \"ros1\" are not read"));
-}

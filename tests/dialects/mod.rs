@@ -6,16 +6,13 @@ mod tables;
 pub mod writers;
 
 use crate::house::{Ended, House};
-use crate::recipes::some;
-use crate::recorded::{sample, verdicts};
+use crate::recipes::{own_messages, some};
+use crate::recorded::{Verdicts, sample, verdicts};
 use inkling::burst::Burst;
 use inkling::io::burst_codec;
 use inkling::io::dialect::guess::guess;
 use inkling::io::dialect::plan::ChannelDescription as OfChannel;
-use std::collections::BTreeMap;
 use writers::{Messages, Samples, Written, json, protobuf, ros2};
-
-pub type Verdicts = BTreeMap<(i64, String, u32), String>;
 
 /// Of two printheads, one without temperatures.
 fn bursts() -> Vec<Burst> {
@@ -312,13 +309,7 @@ fn topics_that_nothing_can_read_are_told_with_quiet_too_if_they_are_called_like_
         message_encoding,
         encode: |burst| burst.samples.to_vec(),
     };
-    let ours = Written {
-        schema_name: burst_codec::SCHEMA_NAME,
-        schema_encoding: burst_codec::MESSAGE_ENCODING,
-        schema: burst_codec::FILE_DESCRIPTOR_SET.into(),
-        message_encoding: burst_codec::MESSAGE_ENCODING,
-        encode: burst_codec::encode,
-    };
+    let ours = own_messages();
     for (written, topic, says) in [
         (of("acme_msgs/Ring", "ros1msg", "ros1"), "/k-2", "encoding \"ros1\" are not read"),
         (of("acme_msgs/msg/Data", "ros2idl", "cdr"), "/k-2/burst", "not by \"ros2idl\""),

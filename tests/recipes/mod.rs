@@ -71,6 +71,17 @@ fn unescaped(text: &str) -> String {
     text.replace("\\n", "\n").replace("\\e", "\u{1b}").replace("\\0", "\0")
 }
 
+/// Our own messages, for recordings that others write, too.
+pub fn own_messages() -> Written {
+    Written {
+        schema_name: burst_codec::SCHEMA_NAME,
+        schema_encoding: burst_codec::MESSAGE_ENCODING,
+        schema: burst_codec::FILE_DESCRIPTOR_SET.into(),
+        message_encoding: burst_codec::MESSAGE_ENCODING,
+        encode: burst_codec::encode,
+    }
+}
+
 /// A recording in another encoding, `json some 0 6`; behind `++` bursts of ours in it.
 fn foreign(words: &str) -> Vec<u8> {
     let (encoding, words) = words.split_once(' ').expect("an encoding and bursts");
@@ -81,13 +92,7 @@ fn foreign(words: &str) -> Vec<u8> {
         "cdr" => writers::ros2(false),
         _ => panic!("no encoding is called {encoding}"),
     };
-    let native = Written {
-        schema_name: burst_codec::SCHEMA_NAME,
-        schema_encoding: burst_codec::MESSAGE_ENCODING,
-        schema: burst_codec::FILE_DESCRIPTOR_SET.into(),
-        message_encoding: burst_codec::MESSAGE_ENCODING,
-        encode: burst_codec::encode,
-    };
+    let native = own_messages();
     let mut messages = Messages::default();
     messages.add_bursts(&written, &made(theirs));
     for burst in made(ours) {

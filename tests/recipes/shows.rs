@@ -71,8 +71,7 @@ pub fn metadata(house: &House, name: &str) -> String {
 
 /// What is said of each signal, however many rows it has, and the episodes, in no order of the file's.
 fn sorted(house: &House, stem: &str) -> (Vec<(Acquired, String)>, Vec<String>) {
-    let rows = table_rows(&house.path(&format!("{stem}.verdicts.parquet")));
-    let mut said: Vec<_> = rows.into_iter().map(|(of, said, _)| (of, said)).collect();
+    let mut said = table_rows(&house.path(&format!("{stem}.verdicts.parquet")));
     said.sort();
     // whose they are is all that may differ
     let plain = |of: Episode| format!("{:?}", Episode { recording: Default::default(), ..of });

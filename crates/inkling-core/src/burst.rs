@@ -326,25 +326,3 @@ pub const FORMS: &[(Format, Layout)] = &[
     (Format::F32Le, Layout::ChannelMajor),
     (Format::F32Le, Layout::SampleMajor),
 ];
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn layout_and_format_do_not_change_a_signal() {
-        let value = |row: usize, k: usize| (100 * row + k) as i16 - 120;
-        let signals: Vec<Vec<f32>> =
-            (0..3).map(|row| (0..5).map(|k| value(row, k).into()).collect()).collect();
-        for &(format, layout) in FORMS {
-            let b = Burst::of(&signals, 1e-6, format, layout);
-            for row in 0..3 {
-                let mut signal = [0.0; 5];
-                b.copy_signal(row, &mut signal);
-                for (k, y) in signal.iter().enumerate() {
-                    assert_eq!(*y, f64::from(value(row, k)), "{format:?} {layout:?}");
-                }
-            }
-        }
-    }
-}

@@ -174,28 +174,3 @@ pub fn refuse_shared(jobs: &[Job]) -> Result<(), InputsError> {
     }
     Ok(())
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::fixtures::assert_refused;
-
-    fn placed(layout: Layout, path: &str, below: &str) -> Job {
-        let input = Input { path: path.into(), below: below.into() };
-        Job::new(layout, input, |_| "2026-11-01".into())
-    }
-
-    #[test]
-    fn a_layout_says_where_and_two_at_one_place_are_refused() {
-        let day = |layout| placed(layout, "rec/2/x.mcap", "2").verdicts;
-        assert_eq!(day(Layout::Tree), "2/x.verdicts.parquet");
-        assert_eq!(day(Layout::Date), "2026-11-01/x.verdicts.parquet");
-        assert_eq!(day(Layout::Flat), "x.verdicts.parquet");
-        assert_eq!(day(Layout::Hive), "verdicts/day=2026-11-01/x.verdicts.parquet");
-        assert_eq!(placed(Layout::Flat, "rec/2/x.mcap", "2").label(), "2/x.mcap");
-        let two =
-            |layout| [placed(layout, "rec/1/x.mcap", "1"), placed(layout, "rec/2/x.mcap", "2")];
-        assert!(refuse_shared(&two(Layout::Tree)).is_ok());
-        assert_refused(refuse_shared(&two(Layout::Flat)), &["rec/1/x.mcap", "--layout date"]);
-    }
-}

@@ -117,27 +117,3 @@ fn holder(file: &mut File) -> String {
         _ => "another run of inkling".into(),
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_run_that_did_not_end_says_what_it_was_to_judge() {
-        let dir = tempfile::tempdir().unwrap();
-        let recording = |name: &str| ToJudge { recording: name.into(), path: format!("/{name}") };
-        let planned = [recording("a.mcap"), recording("b\n.mcap")];
-        assert_eq!(unfinished(dir.path()), None);
-        let mut killed = RunLock::take(dir.path()).unwrap();
-        killed.plan(&planned).unwrap();
-        let told = unfinished(dir.path()).unwrap();
-        assert!(told.since.starts_with('2') && told.recordings == planned, "{told:?}");
-        drop(killed);
-        assert_eq!(unfinished(dir.path()), Some(told));
-        let mut next = RunLock::take(dir.path()).unwrap();
-        assert_eq!(unfinished(dir.path()), None);
-        next.plan(&planned).unwrap();
-        next.over();
-        assert_eq!(unfinished(dir.path()), None);
-    }
-}

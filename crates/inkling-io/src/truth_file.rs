@@ -64,22 +64,3 @@ pub fn read(path: &Path) -> Result<(serde_json::Value, Seal), FileError> {
     })?;
     Ok((truth, seal))
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::fixtures::assert_refused;
-
-    #[test]
-    fn a_seal_holds_is_broken_or_is_missing() {
-        let dir = tempfile::tempdir().unwrap();
-        let (path, seal) = (dir.path().join("sealed/truth.json"), dir.path().join("truth.sha256"));
-        std::fs::create_dir(dir.path().join("sealed")).unwrap();
-        std::fs::write(&path, "{}").unwrap();
-        assert_eq!(read(&path).unwrap().1, Seal::Missing);
-        std::fs::write(&seal, digest(b"{}")).unwrap();
-        assert_eq!(read(&path).unwrap().1, Seal::Holds);
-        std::fs::write(&path, "{ }").unwrap();
-        assert_refused(read(&path), &["was changed after it was sealed"]);
-    }
-}

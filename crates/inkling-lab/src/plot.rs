@@ -333,10 +333,4 @@ mod tests {
         assert_eq!(csv.lines().count(), 1 + 2 * 49 + 1);
         assert!(csv.starts_with("series,\"k\",\"k², counts\"\n\"a \"\"b\"\"\",1,1\n"));
     }
-
-    #[test]
-    fn a_directory_that_is_not_there_is_an_error_that_names_it() {
-        let e = Figure::default().write(Path::new("not/there"), "x").unwrap_err();
-        assert!(e.to_string().contains("there"));
-    }
 }

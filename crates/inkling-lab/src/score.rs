@@ -382,12 +382,4 @@ mod tests {
         assert!(score.report().calibration.ece < 1e-12);
         assert_eq!(score.report().certain.coverage, 0.0);
     }
-
-    #[test]
-    fn unknown_truth_is_counted_and_not_scored() {
-        let mut score = Score::default();
-        score.add(predicted(true, "EC", 1.0), None);
-        let report = score.report();
-        assert_eq!((report.unlabelled, report.detection.tp, report.detection.fp), (1, 0, 0));
-    }
 }

@@ -233,19 +233,6 @@ mod tests {
     }
 
     #[test]
-    fn late_times_are_utc_and_every_counts_from_the_start() {
-        let mut clock = begun(None, None);
-        let at = starts(&mut clock, &[1.7e9, 1.7e9 + 0.5], 1.0).unwrap();
-        assert_eq!(at, [1_700_000_000_000_000_000, 1_700_000_000_500_000_000]);
-        let mut clock = begun(Some(7), Some(0.5));
-        let at: Vec<_> = (0..3).map(|_| clock.next(None, 1e9, 1e6).unwrap()).collect();
-        assert_eq!(at, [7, 500_000_007, 1_000_000_007]);
-        let mut clock = begun(Some(7), None);
-        let at: Vec<_> = (0..2).map(|_| clock.next(None, 1e9, 1e6).unwrap()).collect();
-        assert_eq!((at, clock.moved), (vec![7, 1_000_000_007], 0));
-    }
-
-    #[test]
     fn times_are_found_in_names() {
         let at = |text: &str| {
             DateTime::parse_from_rfc3339(text).ok().and_then(|t| t.timestamp_nanos_opt())

@@ -55,19 +55,3 @@ impl Workspace {
         (self.severity, self.alternative) = (None, None);
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_dropped_name_takes_what_the_signal_may_be_instead_with_it() {
-        let mut work = Workspace {
-            weights: vec![1.0],
-            alternative: Some(Appearance::Slow),
-            ..Workspace::default()
-        };
-        work.drop_name();
-        assert!(work.weights.is_empty() && work.severity.is_none() && work.alternative.is_none());
-    }
-}

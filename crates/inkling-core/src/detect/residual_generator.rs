@@ -281,10 +281,4 @@ mod tests {
             assert!(share <= 1e-20, "n_o {oscillations}: {share:e}");
         }
     }
-
-    #[test]
-    fn no_samples_are_no_trouble() {
-        let g = method_one(6.47);
-        assert_eq!((g.energy(&[]), g.impulse_response(0).len()), (0.0, 0));
-    }
 }

@@ -22,8 +22,6 @@ mod evidence;
 mod explanation;
 mod intermittent;
 mod order;
-#[cfg(test)]
-mod prices;
 mod printhead;
 mod rules;
 mod settings;

@@ -27,21 +27,3 @@ impl WaitingBursts {
         Some(looks)
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn earliest_leaves_first_and_signals_are_counted() {
-        let mut waiting = WaitingBursts::default();
-        for (t_ns, rows) in [(5, 2), (1, 3), (5, 1), (3, 4)] {
-            waiting.push(Looks { t_ns, ratios: vec![0.0; rows], ..Looks::default() });
-        }
-        assert_eq!(waiting.signals, 10);
-        let left: Vec<(i64, usize)> =
-            std::iter::from_fn(|| waiting.pop()).map(|l| (l.t_ns, l.ratios.len())).collect();
-        assert_eq!(left, [(1, 3), (3, 4), (5, 2), (5, 1)]);
-        assert_eq!(waiting.signals, 0);
-    }
-}

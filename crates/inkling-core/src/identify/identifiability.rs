@@ -83,24 +83,3 @@ pub fn in_words() -> Vec<String> {
     ];
     words.map(str::to_owned).to_vec()
 }
-
-#[cfg(test)]
-mod tests {
-    use crate::model::InkChannel;
-
-    #[test]
-    fn null_direction_of_the_rates_leaves_the_cubic() {
-        let one = InkChannel::NOMINAL;
-        let [p2, p1, p0] = one.cubic();
-        // another ratio g/d with the same p2, p1, p0
-        let kappa = 0.25;
-        let d = p2 / (1.0 + kappa);
-        let sum = p1 - kappa * d * d;
-        let a = (p0 / d - kappa * sum) / (1.0 - kappa);
-        let other = InkChannel { a_per_s2: a, b_per_s2: sum - a, g_per_s: kappa * d, d_per_s: d };
-        assert!((other.a_per_s2 / one.a_per_s2 - 1.0).abs() > 0.05, "other rates");
-        for (x, y) in one.cubic().iter().zip(other.cubic()) {
-            assert!((x / y - 1.0).abs() < 1e-12, "same decay");
-        }
-    }
-}

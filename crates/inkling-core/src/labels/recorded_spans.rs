@@ -204,21 +204,4 @@ mod tests {
         }
         assert_eq!(met(&["a"], NOW_NS).mistake(&labels(&[("*", "*", Some(NOW_NS))])), None);
     }
-
-    #[test]
-    fn rows_that_cover_nothing_are_counted() {
-        let met = met(&["a"], NOW_NS);
-        assert_eq!(met.unused(&labels(&[("a", "3", None), ("*", "0-9", Some(0))])), None);
-        let rows = labels(&[
-            ("a", "8", None),
-            ("a", "*", Some(2 * NOW_NS)),
-            ("b", "*", None),
-            ("a", "7", None),
-        ]);
-        let told = met.unused(&rows).unwrap();
-        assert_eq!(
-            told,
-            "3 of 4 rows cover no signal of these recordings (the first: a, channel 8, healthy); of b there is nothing in them"
-        );
-    }
 }

@@ -19,8 +19,6 @@ mod level;
 pub mod memory;
 #[cfg(test)]
 mod nights_tests;
-#[cfg(test)]
-mod prices;
 pub mod process;
 #[cfg(test)]
 mod tests;

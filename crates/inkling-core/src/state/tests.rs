@@ -2,7 +2,7 @@
 //!
 //! [`World`] draws the looks: channels that lie about a common level, each at a place of its own,
 //! with noise, with what is drawn anew for each look, and with whatever faults a test adds.
-//! `crowd_tests` and `nights_tests` use it, too, and `prices` some of what is beside it.
+//! `crowd_tests` and `nights_tests` use it, too.
 
 use super::*;
 use nalgebra::{Matrix4, Vector4};
@@ -17,7 +17,7 @@ pub const NOISE: [f64; 4] = [0.004, 0.006, 0.0004, 0.004];
 /// Standard deviations of healthy looks about the level, noise apart.
 pub const SPREAD: [f64; 4] = [0.012, 0.01, 0.001, 0.003];
 
-pub fn diagonal(sd: [f64; 4]) -> Matrix4<f64> {
+fn diagonal(sd: [f64; 4]) -> Matrix4<f64> {
     Matrix4::from_diagonal(&Vector4::from(sd.map(|v| v * v)))
 }
 

@@ -25,16 +25,6 @@ fn columns(time: &str, outputs: &str, burst: &str) -> Columns {
 }
 
 #[test]
-fn the_first_column_is_time_and_the_rest_are_outputs() {
-    let (t, decays) = plain("t,a,b\n0,1,2\n1,3,4\n").unwrap();
-    assert_eq!(t.time.as_deref(), Some("t"));
-    assert_eq!(t.outputs, ["a", "b"]);
-    assert_eq!(decays.len(), 1);
-    assert_eq!(decays[0].times, [0.0, 1.0]);
-    assert_eq!(decays[0].outputs, [[1.0, 3.0], [2.0, 4.0]]);
-}
-
-#[test]
 fn a_burst_column_groups_rows_also_where_they_alternate() {
     let text = "gap,t,in,out\nx,0,9,1\ny,0,9,2\nx,1,9,3\ny,1,9,4\n";
     let (_, decays) = table(text.as_bytes(), &columns("t", "out", "gap")).unwrap();

@@ -112,13 +112,6 @@ pub(crate) fn write(path: &Path, options: TableOptions, batches: &[Verdicts]) ->
 }
 
 #[test]
-fn keys_of_outcomes_and_reasons_are_their_places() {
-    assert!(Outcome::ALL.iter().enumerate().all(|(i, &o)| o as usize == i));
-    assert!(Test::ALL.iter().enumerate().all(|(i, &t)| t as usize == i));
-    assert!(Reason::ALL.iter().enumerate().all(|(i, &r)| r as usize == i));
-}
-
-#[test]
 fn rows_written_are_rows_read_back_over_batches_with_other_printheads() {
     let batches = [rows(0, 1000, &["K1", "K2"]), rows(1000, 777, &["K3"]), rows(5, 0, &["x"])];
     // the rows of a table do not depend on where batches end, but for their printheads

@@ -26,10 +26,9 @@ pub struct Run {
     /// Relative standard deviation, from signal to signal, of the gain and of each of the amplitudes a, b, c.
     pub shot: f64,
     pub effect: Option<CauseId>,
-    /// Its size, in most cases the catalogue's parameter in its unit. Tone, random tone and second mode have
-    /// an amplitude in counts instead, a jitter a standard deviation in signal lengths, droop a rate per
-    /// signal length, a low-pass a share of the first sample, and quadratic drag, dry friction, cubic
-    /// stiffness and half-order loss the strength of their term in `unmodelled.rs` at unit drive.
+    /// Its size, in most cases the catalogue's parameter in its unit. Tone and random tone have an amplitude in
+    /// counts instead, a jitter a standard deviation in signal lengths, and quadratic drag and cubic stiffness
+    /// the strength of their term in `unmodelled.rs` at unit drive.
     pub size: f64,
     /// Whether 3 % of the noise samples are five times as large.
     pub heavy: bool,
@@ -81,22 +80,18 @@ pub fn draw(run: &Run, seed: u64) -> Observations {
         let loss = d
             * (1.0 + e(CauseId::Temperature) * (temperature - 25.0))
             * (1.0 + e(CauseId::Ageing) * time);
-        let clock = 1.0 + e(CauseId::ClockDrift) * time;
         let stiff = k.sqrt() * (1.0 + e(CauseId::PositionGradient) * position);
         // rates per signal length, for signals of 128 samples those of the design (64.7 kHz, 100 µs)
         let scale = n as f64 / 128.0;
         let seen = ObservedDecay {
-            sigma: 2.917 * loss * clock * scale,
-            omega: 40.65 * stiff * clock * scale,
-            lambda: 3.767 * loss * clock * scale,
+            sigma: 2.917 * loss * scale,
+            omega: 40.65 * stiff * scale,
+            lambda: 3.767 * loss * scale,
             a: 90.0,
             b: -40.0,
             c: 0.3,
         };
-        let gain = s
-            * g
-            * (1.0 + run.shot * normal(&mut rng))
-            * (1.0 + e(CauseId::Crosstalk) * neighbours);
+        let gain = s * g * (1.0 + run.shot * normal(&mut rng));
         let mut shot = || 1.0 + run.shot * normal(&mut rng);
         let (a, b, c) = (seen.a * shot(), seen.b * shot(), seen.c * shot());
         let shift = e(CauseId::TriggerJitter) * normal(&mut rng); // in signal lengths
@@ -107,26 +102,16 @@ pub fn draw(run: &Run, seed: u64) -> Observations {
         };
         let phase = rng.random_range(0.0..TAU);
         let faulty = channel < run.faulty;
+        // the run's strength is relative to unit drive, the term's to this signal's amplitude
         let term = match run.effect {
-            Some(CauseId::QuadraticDrag) => Some(Term::QuadraticDrag),
-            Some(CauseId::DryFriction) => Some(Term::DryFriction),
-            Some(CauseId::CubicStiffness) => Some(Term::CubicStiffness),
-            Some(CauseId::Meniscus) => Some(Term::Meniscus),
-            Some(CauseId::FractionalDamping) => Some(Term::FractionalDamping),
+            Some(CauseId::QuadraticDrag) => Some((Term::QuadraticDrag, run.size * gain)),
+            Some(CauseId::CubicStiffness) => Some((Term::CubicStiffness, run.size * gain * gain)),
             _ => None,
         };
         let mut y: Vec<f64> = match term {
-            Some(term) => {
+            Some(_) => {
                 let seen = ObservedDecay { a: a * gain, b: b * gain, c: c * gain, ..seen };
-                let interior = Interior::ink(&seen, 0.2).unwrap();
-                // the run's strength is relative to unit drive, the term's to this signal's amplitude
-                let strength = match term {
-                    Term::QuadraticDrag => run.size * gain,
-                    Term::CubicStiffness => run.size * gain * gain,
-                    Term::DryFriction => run.size / gain,
-                    _ => run.size,
-                };
-                interior.decay(Some((term, strength)), 1.0, n)
+                Interior::ink(&seen, 0.2).unwrap().decay(term, 1.0, n)
             }
             None => (0..n).map(|k| gain * at(k as f64 / n as f64 + shift)).collect(),
         };
@@ -141,33 +126,12 @@ pub fn draw(run: &Run, seed: u64) -> Observations {
                 })
                 .collect();
         }
-        // droop: subtract w times the integral of the signal (trapezoidal rule) with a leak of rate w
-        if run.effect == Some(CauseId::Droop) {
-            let w = run.size / n as f64;
-            let mut x = 0.0;
-            let clean = y.clone();
-            for k in 0..n {
-                if k > 0 {
-                    x = x * (-w).exp() + 0.5 * (clean[k] + clean[k - 1]);
-                }
-                y[k] = clean[k] - w * x;
-            }
-        }
-        if run.effect == Some(CauseId::PreviousTail) {
-            let shift = idle / 100e-6;
-            y.iter_mut().enumerate().for_each(|(k, y)| {
-                *y += run.size * gain * at(k as f64 / n as f64 + shift);
-            });
-        }
-        let first = y[0];
         let mut previous = normal(&mut rng);
         for (k, y) in y.iter_mut().enumerate() {
             let t = k as f64 / n as f64;
             *y += e(CauseId::Offset)
                 + e(CauseId::Tone) * (tone_omega * t + tone_phase).cos()
-                + e(CauseId::RandomTone) * (tone_omega * t + phase).cos()
-                + s * e(CauseId::SecondMode) * (-3.0 * t).exp() * (75.0 * t + 0.7).cos()
-                + e(CauseId::Lowpass) * first * (-60.0 * t).exp();
+                + e(CauseId::RandomTone) * (tone_omega * t + phase).cos();
             let white = normal(&mut rng);
             let rho = e(CauseId::CorrelatedNoise);
             previous = rho * previous + (1.0 - rho * rho).sqrt() * white;

@@ -65,9 +65,8 @@ impl Scenario {
 
 #[cfg(test)]
 mod tests {
-    use super::fixtures::{PHYSICS, SAMPLE, THESIS, replaced, scenario};
+    use super::fixtures::{PHYSICS, SAMPLE, replaced, scenario};
     use super::*;
-    use inkling_core::burst::{Format, Layout};
     use inkling_core::fault::HEALTHY;
     use inkling_core::labels::Labels;
     use inkling_core::model::faults;
@@ -120,25 +119,6 @@ mod tests {
             assert_eq!(bytes(7), bytes(7));
             assert_eq!(scenario.labels(7), scenario.labels(7));
             assert!(bytes(7).iter().zip(bytes(8)).all(|(x, y)| *x != y));
-        }
-    }
-
-    #[test]
-    fn burst_shape_layout_and_format_do_not_change_samples() {
-        for mut scenario in [scenario(&smaller()), scenario(THESIS)] {
-            // Times are left out: every burst of a set has a time of its own, so they depend on how many
-            // channels share a burst.
-            let timeless = |scenario: &Scenario| -> Vec<(String, String, u32, Vec<f64>)> {
-                let signals = signals(scenario, 3).into_iter();
-                signals
-                    .map(|((stem, printhead, channel, _), y)| (stem, printhead, channel, y))
-                    .collect()
-            };
-            let expected = timeless(&scenario);
-            scenario.recording.channels_per_burst = Some(7);
-            scenario.recording.layout = Layout::SampleMajor;
-            scenario.recording.format = Format::F32Le;
-            assert!(timeless(&scenario) == expected);
         }
     }
 

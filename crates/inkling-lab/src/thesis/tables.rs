@@ -286,11 +286,4 @@ mod tests {
     fn a_users_words_end_no_cell_and_are_no_html() {
         assert_eq!(escaped("a|b\n<script>&\u{1b}[1m"), "a\\|b &lt;script>&amp; [1m");
     }
-
-    #[test]
-    fn the_first_row_is_the_thesiss_own_setting() {
-        use inkling_core::detect::THESIS_OSCILLATIONS_OF_RING;
-        let own = crate::thesis::methods::thesis_detect(2.0);
-        assert_eq!((own.mu, own.oscillations_of_ring), (2.0, Some(THESIS_OSCILLATIONS_OF_RING)));
-    }
 }

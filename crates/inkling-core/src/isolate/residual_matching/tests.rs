@@ -119,23 +119,6 @@ fn degenerate_problems_are_solved_and_end() {
 }
 
 #[test]
-fn a_pure_signature_gives_a_unit_vector_and_an_inner_mixture_its_weights() {
-    let mut rng = ChaCha8Rng::seed_from_u64(5);
-    let columns: Vec<_> = (0..9).map(|_| random_column(&mut rng)).collect();
-    let m = matrix(&columns);
-    for (i, column) in columns.iter().enumerate() {
-        let phi = ours(&m, column);
-        for (j, phi) in phi.iter().enumerate() {
-            assert!((phi - f64::from(u8::from(i == j))).abs() < 1e-12);
-        }
-    }
-    let w = [0.3, 0.0, 0.1, 0.2, 0.0, 0.05, 0.05, 0.1, 0.2];
-    for (phi, w) in ours(&m, &mix(&columns, &w)).iter().zip(w) {
-        assert!((phi - w).abs() < 1e-10);
-    }
-}
-
-#[test]
 fn the_scale_of_the_counts_does_not_matter() {
     let mut rng = ChaCha8Rng::seed_from_u64(6);
     let columns: Vec<_> = (0..9).map(|_| random_column(&mut rng)).collect();
