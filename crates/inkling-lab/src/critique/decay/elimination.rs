@@ -15,7 +15,7 @@ pub fn columns_of(waves: &[Wave]) -> usize {
 }
 
 /// The columns of all waves as one output's noise sees them: q r, with q orthonormal. A column that others
-/// hold is 0 in q, and takes nothing.
+/// hold is 0 in q, and takes nothing: with an infinite diagonal in r its amplitude is 0.
 #[derive(Default)]
 pub struct Basis {
     q: DMatrix<f64>,
@@ -38,7 +38,7 @@ impl Basis {
             }
             let left = column.norm();
             let is_new = left > 1e-7 * size;
-            r[(j, j)] = if is_new { left } else { 0.0 };
+            r[(j, j)] = if is_new { left } else { f64::INFINITY };
             column.scale_mut(if is_new { 1.0 / left } else { 0.0 });
         }
         Basis { q, r }
@@ -53,25 +53,14 @@ impl Basis {
 
     /// Standard deviation of the first column's amplitude: |r^-T e_1|.
     pub fn sd_of_the_first(&self) -> f64 {
-        let mut solved: Vec<f64> = Vec::new();
-        for j in 0..self.r.ncols() {
-            let unit = if j == 0 { 1.0 } else { 0.0 };
-            let others: f64 = solved.iter().enumerate().map(|(i, x)| self.r[(i, j)] * x).sum();
-            let diagonal = self.r[(j, j)];
-            solved.push(if diagonal > 0.0 { (unit - others) / diagonal } else { 0.0 });
-        }
-        solved.iter().map(|x| x * x).sum::<f64>().sqrt()
+        let unit = DVector::from_fn(self.r.ncols(), |j, _| if j == 0 { 1.0 } else { 0.0 });
+        self.r.tr_solve_upper_triangular(&unit).map_or(0.0, |solved| solved.norm())
     }
 
     /// Amplitudes of the columns from coordinates in q.
     fn amplitudes(&self, taken: &DMatrix<f64>) -> Vec<f64> {
-        let k = self.r.ncols();
-        let mut amplitudes = vec![0.0; k];
-        for j in (0..k).rev().filter(|j| self.r[(*j, *j)] > 0.0) {
-            let others: f64 = (j + 1..k).map(|i| self.r[(j, i)] * amplitudes[i]).sum();
-            amplitudes[j] = (taken[j] - others) / self.r[(j, j)];
-        }
-        amplitudes
+        let solved = self.r.solve_upper_triangular(taken);
+        solved.map_or_else(|| vec![0.0; taken.len()], |solved| solved.as_slice().to_vec())
     }
 }
 
