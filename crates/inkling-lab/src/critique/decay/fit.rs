@@ -76,11 +76,19 @@ impl<'a> Fit<'a> {
     }
 
     pub fn noise(&self) -> Noise {
+        self.noise_within(std::slice::from_ref(&(0..self.decays.samples)))
+    }
+
+    /// What it leaves in these ranges of all series, as noise that counts everywhere.
+    pub fn noise_within(&self, ranges: &[Range<usize>]) -> Noise {
         let Decays { outputs, .. } = *self.decays;
         let (misfit, share) = (self.misfit(), self.parameters() as f64 / outputs as f64);
-        let series = |output| self.decays.of_output(&misfit, output).collect::<Vec<&[f64]>>();
-        let colours = (0..outputs).map(|output| Colour::of(&series(output), share)).collect();
-        Noise { colours, held_out: Vec::new() }
+        let colour = |output| {
+            let series = self.decays.of_output(&misfit, output);
+            let parts = series.flat_map(|y| ranges.iter().map(move |range| &y[range.clone()]));
+            Colour::of(&parts.collect::<Vec<&[f64]>>(), share)
+        };
+        Noise { colours: (0..outputs).map(colour).collect(), held_out: Vec::new() }
     }
 
     /// With one more term, whose numbers are 0; not fitted anew.
