@@ -128,8 +128,8 @@ fn judge(model: &Model, data: &Observations, known: bool, lags: bool) -> Vec<Jud
     let n = data.samples;
     (0..data.len())
         .map(|i| {
-            let MostProbable { linear, gram, product, about, square } = predictor.most_probable(i);
-            let spread = predictor.spread(i);
+            let MostProbable { linear, gram, product, about, spread, square } =
+                predictor.most_probable(i);
             let precision = inverse_or_zero(spread);
             let r = &linear.residual;
             // Chi-squared is r0^T (v + J S J^T)^-1 r0, with the residual r0 about the population's mean and

@@ -120,7 +120,7 @@ pub fn signals(model: &Model, data: &Observations, of_unit: Vec<Population>) -> 
             off: residual + &tangent * DVector::from_column_slice(rest.about.as_slice()),
             counts: rest.linear.counts,
             tangent,
-            spread: predictor.spread(i),
+            spread: rest.spread,
             shift,
             noise_var: model.noise_var,
         }
