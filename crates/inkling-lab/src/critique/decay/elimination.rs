@@ -1,13 +1,13 @@
 //! The amplitudes of lines and the offsets of series, eliminated: they are linear, so the best ones are known
 //! for any numbers of the rest (variable projection: G. H. Golub and V. Pereyra, SIAM J. Numer. Anal. 10, 1973).
 //!
-//! In: a [`Plant`], its numbers and the noise. Out: the misfit beside the best amplitudes ([`reached`]), and
+//! In: a [`Fit`] and the noise. Out: the misfit beside the best amplitudes ([`reached`]), and
 //! the normal equations of the numbers ([`normal`]), whatever the number of decays few for each output.
 
 use super::decays::Decays;
 use super::noise::Noise;
-use super::plant::{Plant, Wave};
-use nalgebra::{DMatrix, DVector};
+use super::plant::{Fit, Wave};
+use nalgebra::{Complex, DMatrix, DVector};
 use std::ops::AddAssign;
 
 pub fn columns_of(waves: &[Wave]) -> usize {
@@ -81,30 +81,24 @@ impl Reached {
 }
 
 /// Columns of the plant's samples as the noise of a series, or of its output, sees them.
-fn whitened(
-    mut columns: Vec<Vec<f64>>,
-    plant: &Plant,
-    noise: &Noise,
-    series: usize,
-) -> DMatrix<f64> {
+fn whitened(mut columns: Vec<Vec<f64>>, fit: &Fit, noise: &Noise, series: usize) -> DMatrix<f64> {
     columns.iter_mut().for_each(|column| noise.apply_to(series, column));
-    DMatrix::from_vec(plant.upto, columns.len(), columns.concat())
+    DMatrix::from_vec(fit.upto, columns.len(), columns.concat())
 }
 
 /// Sum of squares of the whitened misfit (infinite where the motion is lost).
-pub fn reached(plant: &Plant, p: &[f64], noise: &Noise) -> (f64, Reached) {
-    plant.decays.work.goes_on();
-    let waves = plant.waves(p);
-    let columns: Vec<Vec<f64>> = waves.iter().flat_map(|w| w.columns(plant.upto)).collect();
-    let outputs = plant.decays.outputs;
+pub fn reached(fit: &Fit, noise: &Noise) -> (f64, Reached) {
+    let Decays { work, outputs, .. } = fit.decays;
+    work.goes_on();
+    let columns: Vec<Vec<f64>> = fit.waves().iter().flat_map(|w| w.columns(fit.upto)).collect();
     let bases: Vec<Basis> =
-        (0..outputs).map(|o| Basis::of(whitened(columns.clone(), plant, noise, o))).collect();
+        (0..*outputs).map(|o| Basis::of(whitened(columns.clone(), fit, noise, o))).collect();
     let mut all = Reached { bases, ..Reached::default() };
     let mut sum = 0.0;
-    for (i, moved) in plant.moved(p).into_iter().enumerate() {
-        let measured = plant.decays.series(i / outputs, i % outputs);
+    for (i, moved) in fit.moved().into_iter().enumerate() {
+        let measured = fit.decays.series(i / outputs, i % outputs);
         let misfit = measured.iter().zip(moved).map(|(y, x)| y - x).collect();
-        let mut misfit = whitened(vec![misfit], plant, noise, i);
+        let mut misfit = whitened(vec![misfit], fit, noise, i);
         let basis = &all.bases[i % outputs];
         let taken = basis.remove_from(&mut misfit);
         sum += misfit.norm_squared();
@@ -117,32 +111,27 @@ pub fn reached(plant: &Plant, p: &[f64], noise: &Noise) -> (f64, Reached) {
 /// J^T J and J^T r of the numbers, summed series by series, with what the free amplitudes take removed (L.
 /// Kaufman, BIT 15, 1975). The derivatives of waves are those of few columns for all series of an output,
 /// weighted by each series' amplitudes.
-pub fn normal(
-    plant: &Plant,
-    p: &[f64],
-    noise: &Noise,
-    reached: &Reached,
-) -> (DMatrix<f64>, DVector<f64>) {
-    let numbers = p.len();
+pub fn normal(fit: &Fit, noise: &Noise, reached: &Reached) -> (DMatrix<f64>, DVector<f64>) {
+    let numbers = fit.p.len();
     let (mut gram, mut product) = (DMatrix::zeros(numbers, numbers), DVector::zeros(numbers));
-    let waves = plant.waves(p);
-    let Decays { bursts, outputs, .. } = *plant.decays;
+    let waves = fit.waves();
+    let Decays { bursts, outputs, .. } = *fit.decays;
     let turns: Vec<DMatrix<f64>> = (0..outputs)
         .map(|output| {
-            let times = |w: &Wave| waves_in_time(w, plant.upto);
-            let mut turns = whitened(waves.iter().flat_map(times).collect(), plant, noise, output);
+            let times = |w: &Wave| waves_in_time(w, fit.upto);
+            let mut turns = whitened(waves.iter().flat_map(times).collect(), fit, noise, output);
             reached.bases[output].remove_from(&mut turns);
             turns
         })
         .collect();
     let grams: Vec<DMatrix<f64>> = turns.iter().map(|z| z.tr_mul(z)).collect();
     for burst in 0..bursts {
-        plant.decays.work.goes_on();
-        for (output, slopes) in plant.slopes(p, burst).into_iter().enumerate() {
+        fit.decays.work.goes_on();
+        for (output, slopes) in fit.slopes(burst).into_iter().enumerate() {
             let series = burst * outputs + output;
             let misfit = &reached.misfits[series];
             let (at, columns): (Vec<usize>, Vec<Vec<f64>>) = slopes.into_iter().unzip();
-            let mut moved = whitened(columns, plant, noise, output);
+            let mut moved = whitened(columns, fit, noise, output);
             reached.bases[output].remove_from(&mut moved);
             let (own, own_misfit) = (moved.tr_mul(&moved), moved.tr_mul(misfit));
             let by = by_numbers(&waves, &reached.of_series[series], numbers);
@@ -176,26 +165,19 @@ fn waves_in_time(wave: &Wave, samples: usize) -> Vec<Vec<f64>> {
 }
 
 /// How much of each column of `waves_in_time` is in the derivative by each number. `free`: the amplitudes of
-/// a series.
+/// a series. A wave is the real part of (a - i b) e^{-(sigma - i omega) t}; what stands still has no b.
 fn by_numbers(waves: &[Wave], free: &[f64], numbers: usize) -> DMatrix<f64> {
     let moving = waves.iter().filter(|w| !w.by.is_empty());
     let mut by = DMatrix::zeros(moving.map(Wave::width).sum(), numbers);
     let (mut at, mut row) = (0, 0);
     for wave in waves {
-        let columns = wave.width();
-        let a = free[at];
-        let b = if columns == 2 { free[at + 1] } else { 0.0 };
-        at += columns;
-        if wave.by.is_empty() {
-            continue;
-        }
         for (number, [falls, turns]) in &wave.by {
-            by[(row, *number)] += b * turns - a * falls;
-            if columns == 2 {
-                by[(row + 1, *number)] += -a * turns - b * falls;
-            }
+            let moved = Complex::new(free[at], -free[at + 1]) * Complex::new(-falls, *turns);
+            by[(row, *number)] += moved.re;
+            by[(row + 1, *number)] -= moved.im;
         }
-        row += columns;
+        at += wave.width();
+        row += if wave.by.is_empty() { 0 } else { wave.width() };
     }
     by
 }

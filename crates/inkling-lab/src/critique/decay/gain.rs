@@ -8,9 +8,8 @@
 //! not measured: a single oscillator has no fault classes.
 
 use super::decays::Decays;
-use super::fit::Fit;
 use super::noise::{Colour, sizes};
-use super::plant::{OMEGA, SIGMA};
+use super::plant::{Fit, OMEGA, SIGMA};
 use super::selection::Selected;
 use super::stretches::Stretches;
 use super::{spectrum, worth};

@@ -42,8 +42,8 @@ use super::words::{not_worth, ties};
 use super::work;
 use children::misfit_power;
 use decays::Decays;
-use fit::Fit;
 use noise::{ROUNDED, sizes};
+use plant::Fit;
 use selection::Selected;
 use std::f64::consts::TAU;
 

@@ -17,10 +17,10 @@
 
 use super::children::{Added, baseline, child};
 use super::decays::Decays;
-use super::fit::Fit;
 use super::motion::Form;
 use super::noise::Noise;
 use super::objections::objection;
+use super::plant::Fit;
 use super::terms::{Line, Term};
 use super::unnamed::unnamed;
 use crate::critique::candidate::{Candidate, Chosen};

@@ -4,10 +4,9 @@
 //! and that known aliases and unphysical signs are never named.
 
 use super::decays::Decays;
-use super::fit::Fit;
 use super::noise::Noise;
 use super::objections::objection;
-use super::plant::{OMEGA, SIGMA};
+use super::plant::{Fit, OMEGA, SIGMA};
 use super::terms::{Line, Term};
 use super::{critique, motion::Form};
 use crate::critique::catalogue::CauseId;

@@ -7,8 +7,8 @@
 //! held-out sample, given the samples before it, is summed, and compared between models.
 
 use super::decays::Decays;
-use super::fit::Fit;
 use super::noise::Noise;
+use super::plant::Fit;
 use super::selection::Selected;
 use super::stretches::Stretches;
 use crate::critique::finding::{LogLikelihood, Worth};
