@@ -92,25 +92,14 @@ impl<'a> Nuisance<'a> {
         }
     }
 
-    /// Joint step that the data ask for of all directions beside the mean's parameters, with its covariance.
-    pub fn causes(&self) -> (DVector<f64>, DMatrix<f64>) {
-        let q = self.directions.len();
-        let all = &self.inverse * &self.score;
-        (
-            all.rows(ALL, q - ALL).into_owned(),
-            self.inverse.view((ALL, ALL), (q - ALL, q - ALL)).into_owned(),
-        )
+    /// Joint step that the data ask for of all directions: of the mean's `ALL` parameters first.
+    pub fn step(&self) -> DVector<f64> {
+        &self.inverse * &self.score
     }
 
-    /// Joint step that the data ask for of the mean's parameters, with the causes of the nuisance free.
-    pub fn mean_shift(&self) -> [f64; ALL] {
-        let all = &self.inverse * &self.score;
-        std::array::from_fn(|j| all[j])
-    }
-
-    /// By how much the best step along the nuisance itself lowers -2 ln likelihood.
+    /// By how much that step lowers -2 ln likelihood.
     pub fn gain(&self) -> f64 {
-        self.score.dot(&(&self.inverse * &self.score))
+        self.score.dot(&self.step())
     }
 
     /// Statistic of some directions together; 0 where they cannot be tested ([`Nuisance::test`]).
@@ -137,8 +126,7 @@ impl<'a> Nuisance<'a> {
         // h, the score of the directions after the nuisance; x·g takes what `move_score` added
         let own =
             |x: &Direction| x.dot(&self.space.g) + self.moved.as_ref().map_or(0.0, |m| x.dot(m));
-        let score = DVector::from_fn(q, |i, _| own(&directions[i]))
-            - cross.tr_mul(&(&self.inverse * &self.score));
+        let score = DVector::from_fn(q, |i, _| own(&directions[i])) - cross.tr_mul(&self.step());
         let covariance = gram.cholesky()?.inverse();
         let coefficients = &covariance * &score;
         Some(Tested {
