@@ -77,25 +77,6 @@ impl Critique {
 }
 
 impl Cause {
-    /// A cause with its normal 95 % interval, tied with none, whose sentence is still to be written.
-    pub fn new(id: CauseId, value: f64, sd: f64, strength_dl: f64, delta_bic: f64) -> Cause {
-        let entry = id.row();
-        Cause {
-            id,
-            parameter: entry.parameter.into(),
-            unit: entry.unit.into(),
-            value,
-            ci95: [value - 1.96 * sd, value + 1.96 * sd],
-            strength_dl,
-            delta_bic,
-            tied_with: Vec::new(),
-            tied_unnamed: Vec::new(),
-            matters_for_detection: false,
-            explains: None,
-            sentence: String::new(),
-        }
-    }
-
     pub fn is_tied(&self) -> bool {
         !self.tied_with.is_empty() || !self.tied_unnamed.is_empty()
     }
