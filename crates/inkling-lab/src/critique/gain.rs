@@ -125,7 +125,6 @@ fn judge(model: &Model, data: &Observations, known: bool, lags: bool) -> Vec<Jud
     };
     let mut predictor = Predictor::of(model, data, of_unit);
     let (scale, v) = (model.scale(), model.noise_var);
-    let n = data.samples;
     (0..data.len())
         .map(|i| {
             let MostProbable { linear, gram, product, about, spread, square } =
@@ -142,10 +141,8 @@ fn judge(model: &Model, data: &Observations, known: bool, lags: bool) -> Vec<Jud
             let off = about + inverse * product;
             let metric = inverse_or_zero(inverse * v + spread);
             let white = lags.then(|| Lags::of(r.clone(), &linear.by_free(&scale).qr().q()));
-            let y = data.signal(i);
-            let centre = y.iter().map(|y| f64::from(*y)).sum::<f64>() / n as f64;
-            let signal = y.iter().map(|y| (f64::from(*y) - centre).powi(2)).sum();
-            let squares = Squares { chi2, misfit: square, signal, samples: n as f64 };
+            let (signal, samples) = (data.movement(i), data.samples as f64);
+            let squares = Squares { chi2, misfit: square, signal, samples };
             Judged { unit: data.rows[i].unit, squares, off, metric, white }
         })
         .collect()

@@ -66,6 +66,13 @@ impl Observations {
         &self.y[i * self.samples..(i + 1) * self.samples]
     }
 
+    /// Sum of squares of a signal about its mean.
+    pub fn movement(&self, i: usize) -> f64 {
+        let y = || self.signal(i).iter().map(|y| f64::from(*y));
+        let mean = y().sum::<f64>() / self.samples as f64;
+        y().map(|y| (y - mean).powi(2)).sum()
+    }
+
     /// The rows of each channel, by `Row::unit`.
     pub fn channels(&self) -> impl Iterator<Item = Range<usize>> {
         let each = self.rows.chunk_by(|p, q| p.unit == q.unit);

@@ -55,7 +55,7 @@ impl ScoreTests<'_> {
             Some(near) => Scan { omega: near.shape, gamma: near.damping, own: 0.0 },
             None => self.scan(pattern, dampings),
         };
-        let Scan { mut omega, mut gamma, .. } = scan;
+        let Scan { mut omega, mut gamma, own } = scan;
         if omega == 0.0 {
             return None;
         }
@@ -75,10 +75,13 @@ impl ScoreTests<'_> {
         scored.value = self.hz(omega);
         scored.sd = self.hz(width(|x| test(x, gamma), omega, 0.02));
         scored.form.damping = gamma;
-        if near.is_none() {
-            let at = Scan { omega, gamma, ..scan };
-            scored.objection = self.objection(pattern, at, scored.statistic);
-        }
+        // the line that fits best may be too slow, or the ring's own, or what is one of these fits clearly better
+        let is_own = || self.is_own(pattern, omega, gamma) || own > scored.statistic + TIE;
+        scored.objection = match near {
+            None if is_slow(omega) => Some(Objection::SlowLine),
+            None if is_own() => Some(Objection::OwnLine),
+            _ => None,
+        };
         Some(scored)
     }
 
@@ -126,23 +129,6 @@ impl ScoreTests<'_> {
         let mirror = PI * self.samples as f64 - own;
         let slow = pattern == 1 && omega < LEAST_MODE * own;
         near(own) || near(mirror) || multiple || slow || self.avoid.iter().any(|w| near(*w))
-    }
-
-    /// Why the line that fits best cannot be the cause: it is too slow, or the ring's own, or what is one of
-    /// these fits clearly better.
-    fn objection(
-        &self,
-        pattern: usize,
-        Scan { omega, gamma, own }: Scan,
-        statistic: f64,
-    ) -> Option<Objection> {
-        if is_slow(omega) {
-            Some(Objection::SlowLine)
-        } else if self.is_own(pattern, omega, gamma) || own > statistic + TIE {
-            Some(Objection::OwnLine)
-        } else {
-            None
-        }
     }
 
     /// Tests a meniscus: surface tension, B_t/B_m = m, makes a slow pair of the real pole and of the pole at
