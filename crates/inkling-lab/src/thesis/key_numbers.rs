@@ -79,6 +79,14 @@ fn magnitude(y: &[f64], cos: &[f64], sin: &[f64]) -> f64 {
     re.hypot(im)
 }
 
+/// The range of values less a share `cut` of them at each end. `None`: there are none.
+pub fn range(mut values: Vec<f64>, cut: f64) -> Option<[f64; 2]> {
+    values.sort_unstable_by(f64::total_cmp);
+    let cut = (cut * values.len() as f64) as usize;
+    let last = values.len().checked_sub(1 + cut)?;
+    Some([*values.get(cut)?, values[last]])
+}
+
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct KeyRange {
     pub frequency_hz: [f64; 2],
@@ -91,13 +99,7 @@ impl KeyRange {
         numbers: impl Iterator<Item = &'a KeyNumbers> + Clone,
         cut: f64,
     ) -> Option<KeyRange> {
-        let range = |of: fn(&KeyNumbers) -> f64| {
-            let mut v: Vec<f64> = numbers.clone().map(of).collect();
-            v.sort_unstable_by(f64::total_cmp);
-            let cut = (cut * v.len() as f64) as usize;
-            let last = v.len().checked_sub(1 + cut)?;
-            Some([*v.get(cut)?, v[last]])
-        };
+        let range = |of: fn(&KeyNumbers) -> f64| range(numbers.clone().map(of).collect(), cut);
         Some(KeyRange {
             frequency_hz: range(|k| k.frequency_hz)?,
             damping_per_s: range(|k| k.damping_per_s)?,
