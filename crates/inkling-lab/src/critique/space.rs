@@ -22,7 +22,6 @@ use inkling_core::model::free_decay::ALL;
 use inkling_core::side_by_side::side_by_side;
 use nalgebra::{DMatrix, DVector, DVectorView};
 use std::collections::BTreeMap;
-use std::f64::consts::PI;
 use std::ops::Range;
 
 /// ln L(x) = -deviance/2 + x·g - x·K x/2 about a model, with the size x of each extension.
@@ -49,21 +48,6 @@ impl Direction {
     /// Adds a shape (N samples, counts at the mean drive) that scales as the drive to the power `pattern`.
     pub fn shape(pattern: usize, shape: Vec<f64>) -> Direction {
         Direction(vec![(pattern * shape.len(), shape)])
-    }
-
-    /// A cosine and a sine that scale as the drive to the power `pattern`: together a wave of any phase.
-    /// `at`: amplitude and phase (rad) at each sample.
-    pub fn waves(
-        pattern: usize,
-        samples: usize,
-        at: impl Fn(usize) -> (f64, f64),
-    ) -> Vec<Direction> {
-        let at: Vec<(f64, f64)> = (0..samples).map(at).collect();
-        let wave = |later: f64| {
-            let y = at.iter().map(|(amplitude, phase)| amplitude * (phase + later).cos());
-            Direction::shape(pattern, y.collect())
-        };
-        vec![wave(0.0), wave(-PI / 2.0)]
     }
 
     /// Moves the parameters by `v` per unit of the standardised covariate with index `which`.

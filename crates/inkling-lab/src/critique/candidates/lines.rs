@@ -15,7 +15,7 @@ use crate::critique::objection::Objection;
 use crate::critique::space::Direction;
 use crate::critique::tuned::{LEAST_MODE, MENISCUS, OTHER_LOSS, SHOWS_ITS_LOSS, SPLIT, TIE};
 use crate::critique::unmodelled::Interior;
-use crate::critique::waves::swing;
+use crate::critique::waves::{swing, waves};
 use inkling_core::model::InkChannel;
 use inkling_core::numbers::LITTLE;
 use std::f64::consts::{PI, TAU};
@@ -90,10 +90,9 @@ impl ScoreTests<'_> {
     }
 
     fn waves(&self, pattern: usize, omega: f64, gamma: f64) -> Vec<Direction> {
-        Direction::waves(pattern, self.samples, |k| {
-            let t = k as f64 / self.samples as f64;
-            ((-gamma * t).exp(), omega * t)
-        })
+        let n = self.samples as f64;
+        let both = waves(gamma / n, omega / n, self.samples);
+        both.map(|wave| Direction::shape(pattern, wave)).into()
     }
 
     fn line_statistic(&self, pattern: usize, omega: f64, gamma: f64) -> f64 {

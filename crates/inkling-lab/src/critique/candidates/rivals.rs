@@ -13,6 +13,7 @@ use crate::critique::catalogue::{CauseId, RIVALS};
 use crate::critique::chance::{maximum, width};
 use crate::critique::space::Direction;
 use crate::critique::unmodelled::{ObservedDecay, lagging};
+use crate::critique::waves::waves;
 use nalgebra::Complex;
 use std::f64::consts::{PI, TAU};
 
@@ -134,8 +135,10 @@ impl ScoreTests<'_> {
             }
         };
         let y: Vec<f64> = (0..self.samples).map(added).collect();
-        let shapes =
-            |omega: f64| Direction::waves(1, self.samples, |k| (y[k], omega * k as f64 / n));
+        let shape = |wave: Vec<f64>| {
+            Direction::shape(1, y.iter().zip(wave).map(|(y, wave)| y * wave).collect())
+        };
+        let shapes = |omega: f64| waves(0.0, omega / n, self.samples).map(shape).into();
         // slower swaying is a damping or a frequency that changes with time
         let (low, high) = (LEAST_PERIODS * TAU, self.decay.omega.min(0.5 * PI * n));
         let grid = (0..).map(|k| low + STEP * f64::from(k)).take_while(|omega| *omega < high);
