@@ -124,28 +124,18 @@ pub fn normal(fit: &Fit, noise: &Noise, reached: &Reached) -> (DMatrix<f64>, DVe
             turns
         })
         .collect();
-    let grams: Vec<DMatrix<f64>> = turns.iter().map(|z| z.tr_mul(z)).collect();
     for burst in 0..bursts {
         fit.decays.work.goes_on();
         for (output, slopes) in fit.slopes(burst).into_iter().enumerate() {
             let series = burst * outputs + output;
-            let misfit = &reached.misfits[series];
             let (at, columns): (Vec<usize>, Vec<Vec<f64>>) = slopes.into_iter().unzip();
             let mut moved = whitened(columns, fit, noise, output);
             reached.bases[output].remove_from(&mut moved);
-            let (own, own_misfit) = (moved.tr_mul(&moved), moved.tr_mul(misfit));
-            let by = by_numbers(&waves, &reached.of_series[series], numbers);
-            let crossed = moved.tr_mul(&turns[output]) * &by;
-            for (i, row) in at.iter().enumerate() {
-                product[*row] += own_misfit[i];
-                at.iter().enumerate().for_each(|(j, column)| gram[(*row, *column)] += own[(i, j)]);
-                for number in 0..numbers {
-                    gram[(*row, number)] += crossed[(i, number)];
-                    gram[(number, *row)] += crossed[(i, number)];
-                }
-            }
-            gram += by.tr_mul(&(&grams[output] * &by));
-            product += by.tr_mul(&turns[output].tr_mul(misfit)).column(0);
+            let all: Vec<_> = moved.column_iter().chain(turns[output].column_iter()).collect();
+            let all = DMatrix::from_columns(&all);
+            let by = by_numbers(&at, &waves, &reached.of_series[series], numbers);
+            gram += by.tr_mul(&(all.tr_mul(&all) * &by));
+            product += by.tr_mul(&all.tr_mul(&reached.misfits[series])).column(0);
         }
     }
     (gram, product)
@@ -164,19 +154,21 @@ fn waves_in_time(wave: &Wave, samples: usize) -> Vec<Vec<f64>> {
     columns
 }
 
-/// How much of each column of `waves_in_time` is in the derivative by each number. `free`: the amplitudes of
-/// a series. A wave is the real part of (a - i b) e^{-(sigma - i omega) t}; what stands still has no b.
-fn by_numbers(waves: &[Wave], free: &[f64], numbers: usize) -> DMatrix<f64> {
-    let moving = waves.iter().filter(|w| !w.by.is_empty());
-    let mut by = DMatrix::zeros(moving.map(Wave::width).sum(), numbers);
-    let (mut at, mut row) = (0, 0);
+/// How much of each column is in the derivative by each number: first come the columns of the motion, each the
+/// derivative by the number `at` its place, then those of `waves_in_time`. `free`: the amplitudes of a series. A
+/// wave is the real part of (a - i b) e^{-(sigma - i omega) t}; what stands still has no b.
+fn by_numbers(at: &[usize], waves: &[Wave], free: &[f64], numbers: usize) -> DMatrix<f64> {
+    let turning = waves.iter().filter(|w| !w.by.is_empty()).map(Wave::width).sum::<usize>();
+    let mut by = DMatrix::zeros(at.len() + turning, numbers);
+    at.iter().enumerate().for_each(|(row, number)| by[(row, *number)] = 1.0);
+    let (mut first, mut row) = (0, at.len());
     for wave in waves {
         for (number, [falls, turns]) in &wave.by {
-            let moved = Complex::new(free[at], -free[at + 1]) * Complex::new(-falls, *turns);
+            let moved = Complex::new(free[first], -free[first + 1]) * Complex::new(-falls, *turns);
             by[(row, *number)] += moved.re;
             by[(row + 1, *number)] -= moved.im;
         }
-        at += wave.width();
+        first += wave.width();
         row += if wave.by.is_empty() { 0 } else { wave.width() };
     }
     by
