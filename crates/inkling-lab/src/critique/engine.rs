@@ -23,7 +23,7 @@ use super::artefacts::{Artefacts, accepted};
 use super::autoregression::Autoregression;
 use super::candidate::Candidate;
 use super::candidates::{Scored, Setting};
-use super::catalogue::{Acts, CATALOGUE, CauseId, Entry};
+use super::catalogue::{Acts, CauseId};
 use super::chance::without_a_name;
 use super::extended::{self, OutlierCount};
 pub use super::extended::{Extended, NotExtended};
@@ -125,7 +125,11 @@ fn of_ink_channels(all: &Observations, labelled: bool) -> Result<Outcome, Critiq
         verdict,
         sentence: verdict.sentence(&causes, &left.unexplained, detection),
         equation: equation(&causes),
-        not_testable: not_testable(&data, &causes),
+        // what is named all the same was tested: one of two converters may give what the other lacks
+        not_testable: NotTestable::all(|e| {
+            let is_named = causes.iter().any(|cause| cause.id == e.id);
+            e.needs.lacking(&data).filter(|_| !is_named)
+        }),
         causes,
         misfit: measured.misfit,
         gain: measured.gain,
@@ -337,13 +341,6 @@ fn all_evidence(artefacts: &Artefacts, selected: &Selected, ln_samples: f64) -> 
         ..found.evidence(0, ln_samples)
     };
     artefacts.all().map(row).chain(selected.evidence.iter().cloned()).collect()
-}
-
-/// What is named all the same was tested: one of two converters may give what the other lacks.
-fn not_testable(data: &Observations, causes: &[Cause]) -> Vec<NotTestable> {
-    let untested = CATALOGUE.iter().filter(|e| causes.iter().all(|cause| cause.id != e.id));
-    let lacking = |e: &Entry| Some(NotTestable { id: e.id, needs: e.needs.lacking(data)?.into() });
-    untested.filter_map(lacking).collect()
 }
 
 fn unexplained(unnamed: &[Scored], left: &Adequacy) -> Vec<String> {

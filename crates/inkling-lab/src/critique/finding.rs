@@ -3,7 +3,7 @@
 //! `engine.rs` and `decay/mod.rs` fill them. `critique.json` is [`Critique`] serialised, without the fields
 //! marked `skip` (`schemas/critique.md`); evidence and figures go to tables of their own and to the report.
 
-use super::catalogue::CauseId;
+use super::catalogue::{CATALOGUE, CauseId, Entry};
 use super::digits;
 use super::objection::{Objection, WhyNot};
 pub use crate::score::blind::Verdict;
@@ -120,6 +120,14 @@ pub struct Forecast {
 pub struct NotTestable {
     pub id: CauseId,
     pub needs: String,
+}
+
+impl NotTestable {
+    /// All causes of the catalogue for which `lacking` says what they would need.
+    pub fn all(lacking: impl Fn(&Entry) -> Option<&'static str>) -> Vec<NotTestable> {
+        let lacks = |e: &Entry| Some(NotTestable { id: e.id, needs: lacking(e)?.into() });
+        CATALOGUE.iter().filter_map(lacks).collect()
+    }
 }
 
 /// Misfit of the baseline model on all signals that the critique rests on.
