@@ -74,22 +74,19 @@ impl Part {
         let mut linear = Linear::default();
         for channel in data.channels().filter(|channel| rows.contains(&channel.start)) {
             let unit = data.rows[channel.start].unit;
-            let mut sums_of_channel = [0, 1].map(|_| ChannelSums::new(dimension(data.samples)));
             for row in channel {
                 model.linearise(row, data, &mut linear);
                 let off = model.units[unit] + model.each[row] - model.mean;
                 let s = data.beside.drive[row];
                 let signal = Whitened::of(&linear, &model.theta(row, data), &off, s, model);
-                for (sums, channel) in all.iter_mut().zip(&mut sums_of_channel) {
-                    sums.add_signal(&signal, powers(s), &data.beside.z[row], channel);
+                for sums in &mut all {
+                    sums.add_signal(&signal, powers(s), &data.beside.z[row]);
                     if sums.tells_scatter(unit) {
                         sums.hide_behind_signal(&signal, powers(s));
                     }
                 }
             }
-            for (sums, channel) in all.iter_mut().zip(sums_of_channel) {
-                sums.close_channel(channel, sums.tells_scatter(unit));
-            }
+            all.iter_mut().for_each(|sums| sums.close_channel(unit));
         }
         all.map(Sums::finish)
     }
@@ -196,6 +193,8 @@ struct Sums<'a> {
     stride: usize,
     inflate: f64,
     part: Part,
+    /// The sums over the channel whose signals are being added.
+    channel: ChannelSums,
     /// Columns over the shapes whose products the scatter within channels, and that between them, take off K.
     of_signals: Vec<f64>,
     of_channels: Vec<f64>,
@@ -245,6 +244,7 @@ impl<'a> Sums<'a> {
                 deviance: 0.0,
                 diagonal: DMatrix::zeros(PATTERNS * PATTERNS, n),
             },
+            channel: ChannelSums::new(d),
             of_signals: Vec::new(),
             of_channels: Vec::new(),
         }
@@ -266,17 +266,11 @@ impl<'a> Sums<'a> {
     /// What an extension looks like in the signal is a Kronecker product: the powers of the drive times a
     /// shape, or the covariates times J. Products of shapes with each other are left to `diagonal` (the
     /// noise) and to `hide_behind_signal` (the scatter).
-    fn add_signal(
-        &mut self,
-        signal: &Whitened,
-        powers: [f64; PATTERNS],
-        z: &[f64; COVARIATES],
-        channel: &mut ChannelSums,
-    ) {
+    fn add_signal(&mut self, signal: &Whitened, powers: [f64; PATTERNS], z: &[f64; COVARIATES]) {
         const BLOCK: usize = COVARIATES * MOVED;
         let (shapes, of_shapes) = (PATTERNS * self.data.samples, self.patterns * self.data.samples);
         let Part { k, deviance, diagonal, .. } = &mut self.part;
-        let ChannelSums { info, score, cross, g } = channel;
+        let ChannelSums { info, score, cross, g } = &mut self.channel;
         let Whitened { w, h, .. } = signal;
         let drive = DVector::from_column_slice(&powers[..self.patterns]);
         let z = DVector::from_column_slice(z);
@@ -318,9 +312,10 @@ impl<'a> Sums<'a> {
     /// Accounts for the scatter between channels once all of a channel's signals are in, by Woodbury's
     /// identity: K -= B S B^T and g -= B S `score`, where B is `cross`, and S = between (1 + H between)^-1
     /// with H = `info`.
-    fn close_channel(&mut self, channel: ChannelSums, tells_scatter: bool) {
+    fn close_channel(&mut self, unit: usize) {
+        let d = self.part.g.len();
+        let channel = std::mem::replace(&mut self.channel, ChannelSums::new(d));
         let ChannelSums { info, score, cross, g: mut g_unit } = channel;
-        let d = g_unit.len();
         let shapes = PATTERNS * self.data.samples;
         let inner = Matrix5::identity() + info * self.between;
         let s = self.between * inverse_or_zero(inner);
@@ -330,11 +325,10 @@ impl<'a> Sums<'a> {
         self.part.deviance -= score.dot(&(s * score));
 
         // F = B S^1/2, so that B S B^T = F F^T
-        let root = square_root(&s);
-        let f = &cross * DMatrix::from_fn(FREE, FREE, |a, b| root[(a, b)]);
-        g_unit -= &cross * DVector::from_column_slice((s * score).as_slice());
+        let f = &cross * square_root(&s);
+        g_unit -= &cross * (s * score);
 
-        if tells_scatter {
+        if self.tells_scatter(unit) {
             let scale = self.inflate;
             for column in f.column_iter() {
                 self.of_channels.extend(column.rows(0, shapes).iter().map(|x| x * scale));
