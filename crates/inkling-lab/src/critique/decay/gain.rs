@@ -139,15 +139,6 @@ pub fn measure(selected: &Selected) -> (Misfit, Gain) {
     (misfit, gain)
 }
 
-fn mean_of(misfit: &[f64], decays: &Decays, output: usize) -> Vec<f64> {
-    let mut mean = vec![0.0; decays.samples];
-    let weight = decays.scale[output] / decays.bursts as f64;
-    for r in decays.of_output(misfit, output) {
-        mean.iter_mut().zip(r).for_each(|(m, r)| *m += weight * r);
-    }
-    mean
-}
-
 /// The mean misfit and its spectrum are of the output whose misfit the extension reduces most.
 pub fn draw(selected: &Selected) -> Figures {
     let decays = selected.fit.decays;
@@ -162,8 +153,10 @@ pub fn draw(selected: &Selected) -> Figures {
     // mean misfit over the bursts, with the band that the final model's noise gives it
     let sd = small[output] * decays.scale[output];
     let half = 1.96 * sd / (decays.bursts as f64).sqrt();
+    let weight = decays.scale[output] / decays.bursts as f64;
     let mean = |misfit: &[f64]| {
-        let mean = mean_of(misfit, decays, output);
+        let each: Vec<&[f64]> = decays.of_output(misfit, output).collect();
+        let mean = (0..n).map(|k| weight * each.iter().map(|r| r[k]).sum::<f64>()).collect();
         Curve::about(mean, std::iter::repeat_n(half, n))
     };
     let mean_misfit = Compared {
