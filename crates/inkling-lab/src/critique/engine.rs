@@ -103,10 +103,10 @@ fn of_ink_channels(all: &Observations, labelled: bool) -> Result<Outcome, Critiq
     // causes of the selection, the likelihood also for those of codes, noise and trigger.
     all.work.begins(work::GAIN);
     let applied: Vec<_> = selected.causes.iter().map(|c| c.candidate.form.clone()).collect();
-    let mut measured = gain::measure(&baseline, &applied, setting);
-    measured.gain.log_likelihood_per_signal =
+    let (misfit, mut gain) = gain::measure(&baseline, &applied, setting);
+    gain.log_likelihood_per_signal =
         worth::measure(&baseline, &applied, &artefacts, unwhitened.as_ref(), setting);
-    let detection = measured.gain.detection();
+    let detection = gain.detection();
     let figures = figures::draw(&baseline, &selected.fitted.model, &data);
 
     let ln_samples = data.ln_samples();
@@ -114,9 +114,9 @@ fn of_ink_channels(all: &Observations, labelled: bool) -> Result<Outcome, Critiq
     let count = outlier.iter().filter(|o| **o).count();
     let outliers = OutlierCount { signals: count, all: all.len() };
     let verdict = Verdict::of(&mut causes, &left.unexplained);
-    let allowed = extended::check(&applied, outliers, &measured.gain, verdict);
+    let allowed = extended::check(&applied, outliers, &gain, verdict);
     let mut remarks = unexplained(&selected.unnamed, &left);
-    remarks.extend(not_worth(&causes, &measured.gain));
+    remarks.extend(not_worth(&causes, &gain));
     remarks.extend(caveats(all, outliers, &allowed, causes.is_empty()));
     remarks.extend(ties(&causes));
 
@@ -131,8 +131,8 @@ fn of_ink_channels(all: &Observations, labelled: bool) -> Result<Outcome, Critiq
             e.needs.lacking(&data).filter(|_| !is_named)
         }),
         causes,
-        misfit: measured.misfit,
-        gain: measured.gain,
+        misfit,
+        gain,
         extended_model: None,
         plant: None,
         remarks,
