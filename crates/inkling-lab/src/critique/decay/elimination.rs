@@ -6,13 +6,9 @@
 
 use super::decays::Decays;
 use super::noise::Noise;
-use super::plant::{Fit, Wave};
+use super::plant::Fit;
 use nalgebra::{Complex, DMatrix, DVector};
 use std::ops::AddAssign;
-
-pub fn columns_of(waves: &[Wave]) -> usize {
-    waves.iter().map(Wave::width).sum()
-}
 
 /// The columns of all waves as one output's noise sees them: q r, with q orthonormal. A column that others
 /// hold is 0 in q, and takes nothing: with an infinite diagonal in r its amplitude is 0.
@@ -70,14 +66,7 @@ impl Basis {
 pub struct Reached {
     pub bases: Vec<Basis>,
     misfits: Vec<DMatrix<f64>>,
-    of_series: Vec<Vec<f64>>,
-}
-
-impl Reached {
-    pub fn amplitudes(&self) -> Vec<Vec<f64>> {
-        let columns = self.of_series.first().map_or(0, Vec::len);
-        (0..columns).map(|j| self.of_series.iter().map(|of| of[j]).collect()).collect()
-    }
+    pub free: Vec<Vec<f64>>,
 }
 
 /// Columns of the plant's samples as the noise of a series, or of its output, sees them.
@@ -90,19 +79,19 @@ fn whitened(mut columns: Vec<Vec<f64>>, fit: &Fit, noise: &Noise, series: usize)
 pub fn reached(fit: &Fit, noise: &Noise) -> (f64, Reached) {
     let Decays { work, outputs, .. } = fit.decays;
     work.goes_on();
-    let columns: Vec<Vec<f64>> = fit.waves().iter().flat_map(|w| w.columns(fit.upto)).collect();
+    let columns = fit.columns();
     let bases: Vec<Basis> =
         (0..*outputs).map(|o| Basis::of(whitened(columns.clone(), fit, noise, o))).collect();
     let mut all = Reached { bases, ..Reached::default() };
     let mut sum = 0.0;
-    for (i, moved) in fit.moved().into_iter().enumerate() {
-        let measured = fit.decays.series(i / outputs, i % outputs);
+    let measured = fit.decays.y.chunks(fit.decays.samples);
+    for (i, (moved, measured)) in fit.moved().into_iter().zip(measured).enumerate() {
         let misfit = measured.iter().zip(moved).map(|(y, x)| y - x).collect();
         let mut misfit = whitened(vec![misfit], fit, noise, i);
         let basis = &all.bases[i % outputs];
         let taken = basis.remove_from(&mut misfit);
         sum += misfit.norm_squared();
-        all.of_series.push(basis.amplitudes(&taken));
+        all.free.push(basis.amplitudes(&taken));
         all.misfits.push(misfit);
     }
     (if sum.is_finite() { sum } else { f64::INFINITY }, all)
@@ -114,16 +103,18 @@ pub fn reached(fit: &Fit, noise: &Noise) -> (f64, Reached) {
 pub fn normal(fit: &Fit, noise: &Noise, reached: &Reached) -> (DMatrix<f64>, DVector<f64>) {
     let numbers = fit.p.len();
     let (mut gram, mut product) = (DMatrix::zeros(numbers, numbers), DVector::zeros(numbers));
-    let waves = fit.waves();
     let Decays { bursts, outputs, .. } = *fit.decays;
-    let turns: Vec<DMatrix<f64>> = (0..outputs)
-        .map(|output| {
-            let times = |w: &Wave| waves_in_time(w, fit.upto);
-            let mut turns = whitened(waves.iter().flat_map(times).collect(), fit, noise, output);
-            reached.bases[output].remove_from(&mut turns);
-            turns
-        })
-        .collect();
+    // time times the damped cosines and sines of all waves
+    let mut in_time = fit.columns().split_off(fit.offset());
+    for column in &mut in_time {
+        column.iter_mut().enumerate().for_each(|(k, x)| *x *= k as f64);
+    }
+    let turns = |output: usize| {
+        let mut turns = whitened(in_time.clone(), fit, noise, output);
+        reached.bases[output].remove_from(&mut turns);
+        turns
+    };
+    let turns: Vec<DMatrix<f64>> = (0..outputs).map(turns).collect();
     for burst in 0..bursts {
         fit.decays.work.goes_on();
         for (output, slopes) in fit.slopes(burst).into_iter().enumerate() {
@@ -133,7 +124,7 @@ pub fn normal(fit: &Fit, noise: &Noise, reached: &Reached) -> (DMatrix<f64>, DVe
             reached.bases[output].remove_from(&mut moved);
             let all: Vec<_> = moved.column_iter().chain(turns[output].column_iter()).collect();
             let all = DMatrix::from_columns(&all);
-            let by = by_numbers(&at, &waves, &reached.of_series[series], numbers);
+            let by = by_numbers(&at, fit, &reached.free[series][fit.offset()..]);
             gram += by.tr_mul(&(all.tr_mul(&all) * &by));
             product += by.tr_mul(&all.tr_mul(&reached.misfits[series])).column(0);
         }
@@ -141,35 +132,20 @@ pub fn normal(fit: &Fit, noise: &Noise, reached: &Reached) -> (DMatrix<f64>, DVe
     (gram, product)
 }
 
-/// Time times the damped cosine and sine of a wave that numbers move.
-fn waves_in_time(wave: &Wave, samples: usize) -> Vec<Vec<f64>> {
-    if wave.by.is_empty() {
-        return Vec::new();
-    }
-    let mut columns = wave.columns(samples);
-    let in_time = |column: &mut Vec<f64>| {
-        column.iter_mut().enumerate().for_each(|(k, x)| *x *= k as f64);
-    };
-    columns.iter_mut().for_each(in_time);
-    columns
-}
-
 /// How much of each column is in the derivative by each number: first come the columns of the motion, each the
-/// derivative by the number `at` its place, then those of `waves_in_time`. `free`: the amplitudes of a series. A
-/// wave is the real part of (a - i b) e^{-(sigma - i omega) t}; what stands still has no b.
-fn by_numbers(at: &[usize], waves: &[Wave], free: &[f64], numbers: usize) -> DMatrix<f64> {
-    let turning = waves.iter().filter(|w| !w.by.is_empty()).map(Wave::width).sum::<usize>();
-    let mut by = DMatrix::zeros(at.len() + turning, numbers);
+/// derivative by the number `at` its place, then those of waves in time. `free`: the waves' amplitudes in a
+/// series. A wave is the real part of (a - i b) e^{-(sigma - i omega) t}.
+fn by_numbers(at: &[usize], fit: &Fit, free: &[f64]) -> DMatrix<f64> {
+    let mut by = DMatrix::zeros(at.len() + free.len(), fit.p.len());
     at.iter().enumerate().for_each(|(row, number)| by[(row, *number)] = 1.0);
-    let (mut first, mut row) = (0, at.len());
-    for wave in waves {
+    for (place, wave) in fit.waves().iter().enumerate() {
+        let row = at.len() + 2 * place;
+        let amplitude = Complex::new(free[2 * place], -free[2 * place + 1]);
         for (number, [falls, turns]) in &wave.by {
-            let moved = Complex::new(free[first], -free[first + 1]) * Complex::new(-falls, *turns);
+            let moved = amplitude * Complex::new(-falls, *turns);
             by[(row, *number)] += moved.re;
             by[(row + 1, *number)] -= moved.im;
         }
-        first += wave.width();
-        row += if wave.by.is_empty() { 0 } else { wave.width() };
     }
     by
 }

@@ -9,10 +9,10 @@
 //! decay does not find a phase again that is off by half a swing.
 
 use super::decays::Decays;
-use super::elimination::{Basis, Reached, columns_of, normal, reached};
+use super::elimination::{Basis, Reached, normal, reached};
 use super::motion::Motion;
 use super::noise::{Colour, Noise, sizes};
-use super::plant::{Fit, OMEGA, plain_numbers, start_of, waves_of};
+use super::plant::{Fit, OMEGA, columns_of, plain_numbers, start_of};
 use super::terms::Term;
 use inkling_core::model::descent::{Damping, descend};
 use nalgebra::{DMatrix, DVector};
@@ -30,7 +30,8 @@ impl<'a> Fit<'a> {
     /// No motion, and an offset of each series.
     pub fn zero(decays: &'a Decays) -> Fit<'a> {
         let p = vec![0.0; plain_numbers(decays)];
-        let (terms, free, cost, upto) = (Vec::new(), Vec::new(), f64::INFINITY, decays.samples);
+        let free = vec![Vec::new(); decays.bursts * decays.outputs];
+        let (terms, cost, upto) = (Vec::new(), f64::INFINITY, decays.samples);
         Fit { decays, terms, p, free, cost, upto }.with(Term::Offset)
     }
 
@@ -38,18 +39,18 @@ impl<'a> Fit<'a> {
         self.terms.iter().filter(|term| term.is_line()).count()
     }
 
-    /// Which rows of `free` belong to each term.
-    pub fn rows(&self) -> impl Iterator<Item = Range<usize>> {
+    /// Which amplitudes of a series belong to each term.
+    fn columns_of_terms(&self) -> impl Iterator<Item = Range<usize>> {
         self.placed().scan(0, |next, (term, at)| {
             let first = *next;
-            *next += columns_of(&waves_of(term, at, &self.p));
+            *next += columns_of(term, at, &self.p);
             Some(first..*next)
         })
     }
 
     /// How many numbers are fitted, amplitudes among them.
     pub fn parameters(&self) -> usize {
-        self.p.len() + self.free.len() * self.decays.bursts * self.decays.outputs
+        self.p.len() + self.free.iter().map(Vec::len).sum::<usize>()
     }
 
     pub fn degrees_of_freedom(&self) -> f64 {
@@ -82,21 +83,24 @@ impl<'a> Fit<'a> {
         fit.terms.push(term);
         let at = self.p.len();
         fit.p.resize(at + term.numbers(), 0.0);
-        let columns = columns_of(&waves_of(term, at, &fit.p));
-        let still = vec![0.0; self.decays.bursts * self.decays.outputs];
-        fit.free.extend(std::iter::repeat_n(still, columns));
+        let columns = columns_of(term, at, &fit.p);
+        fit.free.iter_mut().for_each(|of| of.resize(of.len() + columns, 0.0));
         fit
     }
 
     /// Without those of its terms for whose index `goes` is true; not fitted anew.
     pub fn without(&self, goes: impl Fn(usize) -> bool) -> Fit<'a> {
         let p = self.p[..plain_numbers(self.decays)].to_vec();
-        let mut left = Fit { terms: Vec::new(), p, free: Vec::new(), ..self.clone() };
-        let stays = self.placed().zip(self.rows()).enumerate().filter(|(i, _)| !goes(*i));
+        let mut left = Fit { terms: Vec::new(), p, ..self.clone() };
+        left.free.iter_mut().for_each(Vec::clear);
+        let stays =
+            self.placed().zip(self.columns_of_terms()).enumerate().filter(|(i, _)| !goes(*i));
         for (_, ((term, at), rows)) in stays {
             left.terms.push(term);
             left.p.extend_from_slice(&self.p[at..at + term.numbers()]);
-            left.free.extend_from_slice(&self.free[rows]);
+            for (of, all) in left.free.iter_mut().zip(&self.free) {
+                of.extend_from_slice(&all[rows.clone()]);
+            }
         }
         Fit { cost: f64::INFINITY, ..left }
     }
@@ -125,7 +129,8 @@ impl<'a> Fit<'a> {
     /// What the sensor shows at rest, for each output, counts: the mean over the decays.
     pub fn offsets(&self) -> Vec<f64> {
         let Decays { bursts, outputs, scale, .. } = self.decays;
-        let mean = |o: usize| self.free[0].iter().skip(o).step_by(*outputs).sum::<f64>();
+        let mean =
+            |o: usize| self.free.iter().skip(o).step_by(*outputs).map(|of| of[0]).sum::<f64>();
         (0..*outputs).map(|o| mean(o) * scale[o] / *bursts as f64).collect()
     }
 
@@ -136,13 +141,12 @@ impl<'a> Fit<'a> {
 
     /// Measured minus simulated, for all samples, ordered as `decays.y` and in its scale.
     pub fn misfit(&self) -> Vec<f64> {
-        let waves = self.waves();
-        let columns: Vec<Vec<f64>> = waves.iter().flat_map(|w| w.columns(self.upto)).collect();
+        let columns = self.columns();
         let mut misfit = self.decays.y.clone();
         for (i, (series, moved)) in misfit.chunks_mut(self.upto).zip(self.moved()).enumerate() {
             series.iter_mut().zip(moved).for_each(|(y, x)| *y -= x);
-            for (column, amplitudes) in columns.iter().zip(&self.free) {
-                series.iter_mut().zip(column).for_each(|(y, c)| *y -= amplitudes[i] * c);
+            for (column, amplitude) in columns.iter().zip(&self.free[i]) {
+                series.iter_mut().zip(column).for_each(|(y, c)| *y -= amplitude * c);
             }
         }
         misfit
@@ -164,8 +168,8 @@ impl<'a> Fit<'a> {
 
     /// With the amplitudes that fit best beside the numbers that it has.
     pub fn solved(&self, noise: &Noise) -> Fit<'a> {
-        let (cost, reached) = reached(self, noise);
-        Fit { cost, free: reached.amplitudes(), ..self.clone() }
+        let (cost, Reached { free, .. }) = reached(self, noise);
+        Fit { cost, free, ..self.clone() }
     }
 
     pub fn descend(&self, noise: &Noise) -> Fit<'a> {
@@ -186,8 +190,7 @@ impl<'a> Fit<'a> {
             let mut waves = fit.waves().into_iter();
             fit.p[OMEGA] >= lowest
                 && fit.p[OMEGA] < PI
-                && waves
-                    .all(|w| w.sigma > grows && w.omega.is_none_or(|omega| omega.abs() < MOST_TURN))
+                && waves.all(|w| w.sigma > grows && w.omega.abs() < MOST_TURN)
         };
         let cost = |fit: &Fit<'a>| match is_possible(fit) {
             true => reached(fit, noise),
@@ -217,7 +220,7 @@ impl<'a> Fit<'a> {
         };
         let start = Fit { upto: upto.min(self.decays.samples), ..self.clone() };
         let (fit, cost) = descend(start, DAMPING, usize::MAX, cost, slope, step, rests);
-        let free = reached(&fit, noise).1.amplitudes();
+        let free = reached(&fit, noise).1.free;
         Fit { cost, free, upto: self.upto, ..fit }
     }
 

@@ -44,7 +44,7 @@ pub fn objection(fit: &Fit, index: usize, covariance: &DMatrix<f64>) -> Option<O
 /// and where it is within its own and the ring's width of the ring, it cannot be told from a ring that changes.
 fn no_line(fit: &Fit, wave: &Wave) -> Option<Objection> {
     let resolution = TAU / fit.decays.samples as f64;
-    let omega = wave.omega.unwrap_or(0.0);
+    let omega = wave.omega;
     let swings =
         omega > lowest_line(fit.decays) && omega < PI - resolution && wave.sigma * 0.5 < omega;
     let own = fit.p[OMEGA];

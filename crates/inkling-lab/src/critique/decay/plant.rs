@@ -5,9 +5,8 @@
 //!
 //! In a burst, output j shows y_j = g_j x + h_j x'/omega + sum_w (a_w cos + b_w sin) e^{-sigma_w t} + offset,
 //! where x(t) follows the equation of `motion.rs` from the burst's own start. Of the first output g = 1 and
-//! h = 0; of the others these shares of displacement and velocity are fitted. The amplitudes of waves, and
-//! the offset, which is a wave that stands still, are free in every series. They are linear, so they are no
-//! numbers here: `fit.rs` eliminates them. Derivatives of the motion are central differences.
+//! h = 0; of the others these shares of displacement and velocity are fitted. The amplitudes of waves and the
+//! offset are free in every series. They are linear, so they are no numbers here: `fit.rs` eliminates them. Derivatives of the motion are central differences.
 
 use super::decays::Decays;
 use super::motion::Motion;
@@ -37,48 +36,40 @@ pub fn start_of(burst: usize) -> usize {
 /// A damped cosine and sine of free amplitudes in every series.
 pub struct Wave {
     pub sigma: f64,
-    /// `None`: it stands still, and has no sine.
-    pub omega: Option<f64>,
+    pub omega: f64,
     /// Numbers that its damping and its frequency depend on, with the derivatives of both.
     pub by: Vec<(usize, [f64; 2])>,
-}
-
-impl Wave {
-    pub fn columns(&self, samples: usize) -> Vec<Vec<f64>> {
-        let [cosine, sine] = waves(self.sigma, self.omega.unwrap_or(0.0), samples);
-        if self.omega.is_some() { vec![cosine, sine] } else { vec![cosine] }
-    }
-
-    pub fn width(&self) -> usize {
-        if self.omega.is_some() { 2 } else { 1 }
-    }
 }
 
 /// The waves of a term whose numbers begin at `at`.
 pub fn waves_of(term: Term, at: usize, p: &[f64]) -> Vec<Wave> {
     let (sigma, omega) = (p[SIGMA], p[OMEGA]);
     match term {
-        Term::Offset => vec![Wave { sigma: 0.0, omega: None, by: Vec::new() }],
         Term::Line(Line::Mode) => {
             let by = vec![(at, [1.0, 0.0]), (at + 1, [0.0, 1.0])];
-            vec![Wave { sigma: p[at], omega: Some(p[at + 1]), by }]
+            vec![Wave { sigma: p[at], omega: p[at + 1], by }]
         }
         Term::Line(Line::Tone) => {
-            vec![Wave { sigma: 0.0, omega: Some(p[at]), by: vec![(at, [0.0, 1.0])] }]
+            vec![Wave { sigma: 0.0, omega: p[at], by: vec![(at, [0.0, 1.0])] }]
         }
         Term::Line(Line::SideBands) => [1.0, -1.0]
             .map(|up| {
                 let by = vec![(at, [1.0, 0.0]), (at + 1, [0.0, up]), (OMEGA, [0.0, 1.0])];
-                Wave { sigma: p[at], omega: Some(omega + up * p[at + 1]), by }
+                Wave { sigma: p[at], omega: omega + up * p[at + 1], by }
             })
             .into(),
         Term::Line(Line::Harmonic(k)) => {
             let k = f64::from(k);
             let by = vec![(SIGMA, [k, 0.0]), (OMEGA, [0.0, k])];
-            vec![Wave { sigma: k * sigma, omega: Some(k * omega), by }]
+            vec![Wave { sigma: k * sigma, omega: k * omega, by }]
         }
         _ => Vec::new(),
     }
+}
+
+/// How many free amplitudes a term has in every series: an offset, or those of the cosine and the sine of waves.
+pub fn columns_of(term: Term, at: usize, p: &[f64]) -> usize {
+    usize::from(term == Term::Offset) + 2 * waves_of(term, at, p).len()
 }
 
 /// A model of some decays: the oscillator with its terms, and their numbers. `fit.rs` finds these.
@@ -87,7 +78,7 @@ pub struct Fit<'a> {
     pub decays: &'a Decays,
     pub terms: Vec<Term>,
     pub p: Vec<f64>,
-    /// Amplitudes of all columns of waves, in the terms' order, one for each series.
+    /// Of each series the amplitudes of all columns, in the terms' order.
     pub free: Vec<Vec<f64>>,
     pub cost: f64,
     /// How many samples of each series it is fitted to: all, but while it is followed from the first ones on.
@@ -132,6 +123,18 @@ impl Fit<'_> {
 
     pub fn waves(&self) -> Vec<Wave> {
         self.placed().flat_map(|(term, at)| waves_of(term, at, &self.p)).collect()
+    }
+
+    /// Number of offsets in every series, 1 or 0; that is the first term.
+    pub fn offset(&self) -> usize {
+        usize::from(self.terms.first() == Some(&Term::Offset))
+    }
+
+    /// What the free amplitudes are those of: 1 for the offset, and the cosine and sine of each wave.
+    pub fn columns(&self) -> Vec<Vec<f64>> {
+        let offset = std::iter::repeat_n(vec![1.0; self.upto], self.offset());
+        let of_wave = |wave: Wave| waves(wave.sigma, wave.omega, self.upto);
+        offset.chain(self.waves().into_iter().flat_map(of_wave)).collect()
     }
 
     /// The motion of a burst (`path`: x and x'/omega) as one output shows it.

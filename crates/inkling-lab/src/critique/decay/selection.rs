@@ -250,8 +250,8 @@ fn offset<'a>(fit: &Fit<'a>, noise: &Noise) -> Chosen<Added<'a>> {
 
     // mean over the decays of each output's offset, and its error by their spread, in the fit's scale
     let of_output = |o: usize| {
-        let each = fit.free[0].iter().skip(o).step_by(outputs);
-        mean_of(&each.copied().collect::<Vec<f64>>())
+        let each = fit.free.iter().skip(o).step_by(outputs);
+        mean_of(&each.map(|of| of[0]).collect::<Vec<f64>>())
     };
     let sd = fit.sd_of_offset(noise);
     let largest = (0..outputs).max_by(|p, q| {

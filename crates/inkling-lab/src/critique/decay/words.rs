@@ -39,7 +39,7 @@ fn value(selected: &Selected, index: usize) -> (f64, f64) {
             }
             Term::Line(_) => {
                 let waves = waves_of(term, at, &fit.p);
-                waves.first().and_then(|w| w.omega).unwrap_or(f64::NAN) / (TAU * dt)
+                waves.first().map_or(f64::NAN, |w| w.omega) / (TAU * dt)
             }
             Term::Offset | Term::Unnamed(_) => f64::NAN,
         }
@@ -192,7 +192,7 @@ pub fn equation(selected: &Selected) -> String {
         for i in 0..waves_of(term, at, &fit.p).len() {
             let wave = |fit: &Fit| waves_of(term, at, &fit.p).swap_remove(i);
             number(&format!("s{n}"), "1/s", &|fit| wave(fit).sigma / dt);
-            number(&format!("w{n}"), "rad/s", &|fit| wave(fit).omega.unwrap_or(0.0) / dt);
+            number(&format!("w{n}"), "rad/s", &|fit| wave(fit).omega / dt);
         }
     }
     numbers.append(&mut offsets);
