@@ -92,8 +92,23 @@ impl<Form> Candidate<Form> {
         self.statistic - self.degrees as f64 * ln_samples
     }
 
+    /// The cause with its normal 95 % interval, tied with none, whose sentence is still to be written.
     pub fn cause(&self, delta_bic: f64) -> Cause {
-        Cause::new(self.id, self.value, self.sd, self.strength_dl(), delta_bic)
+        let Candidate { id, value, sd, .. } = *self;
+        Cause {
+            id,
+            parameter: id.row().parameter.into(),
+            unit: id.row().unit.into(),
+            value,
+            ci95: [value - 1.96 * sd, value + 1.96 * sd],
+            strength_dl: self.strength_dl(),
+            delta_bic,
+            tied_with: Vec::new(),
+            tied_unnamed: Vec::new(),
+            matters_for_detection: false,
+            explains: None,
+            sentence: String::new(),
+        }
     }
 
     /// `step`: number of causes that had entered before. The threshold is the statistic that would just have been

@@ -19,7 +19,7 @@ use super::matrices::{Matrix5, Vector5, free_part, inverse, inverse_or_zero, sca
 use super::model::{Additions, Linear, Model, free_products, powers};
 use super::observations::Observations;
 use super::space::Direction;
-use inkling_core::model::free_decay::{ALL, FREE};
+use inkling_core::model::free_decay::ALL;
 use inkling_core::model::inner_product::dot;
 
 const REAL_POLE: usize = 4;
@@ -191,7 +191,7 @@ impl Clusters<'_> {
         let inner = Matrix5::identity() + gram * within / v;
         let m = within * inverse_or_zero(inner);
         let of_r = of_residual + gram * own;
-        let weighed = |x: &Vector5| (x - gram * (m * x) / v) / v;
+        let weigh = (Matrix5::identity() - gram * m / v) / v;
 
         let posterior = unscaled(&m, &scale);
         let theta = model.theta(i, data);
@@ -211,11 +211,9 @@ impl Clusters<'_> {
             burst: data.rows[i].burst,
             all,
             across,
-            information: Matrix5::from_columns(
-                &(0..FREE).map(|j| weighed(&gram.column(j).into_owned())).collect::<Vec<_>>(),
-            ),
-            score: weighed(&of_r),
-            looks_like: weighed(&of_u),
+            information: weigh * gram,
+            score: weigh * of_r,
+            looks_like: weigh * of_u,
         }
     }
 }

@@ -20,7 +20,8 @@ use inkling_core::model::free_decay::{ALL, FREE, Theta};
 use nalgebra::{Const, DMatrix, DVector, Dyn, OMatrix, SMatrix};
 use std::ops::Range;
 
-type Matrix6 = SMatrix<f64, ALL, ALL>;
+/// What a covariate may move in a signal: its ALL parameters, and the share of the previous ring in it.
+pub const MOVED: usize = ALL + 1;
 
 /// What so many signals, or channels, take off K is subtracted as one product; only the speed depends on it.
 const AT_A_TIME: usize = 64;
@@ -29,10 +30,10 @@ const STRIP: usize = 64;
 /// (whole channels, evenly chosen) tell it, and stand for the others: an approximation.
 const MOST_FOR_SCATTER: usize = 1024;
 
-/// Dimension of the space of extensions: a shape's N samples for each of the PATTERNS powers of the drive,
-/// ALL parameters for each of the COVARIATES, and one place for the tail of the previous ring.
-pub fn dimension(samples: usize) -> usize {
-    PATTERNS * samples + COVARIATES * ALL + 1
+/// Dimension of the space of extensions: a shape's N samples for each of the PATTERNS powers of the drive, and
+/// what each of the COVARIATES may move.
+fn dimension(samples: usize) -> usize {
+    PATTERNS * samples + COVARIATES * MOVED
 }
 
 /// Standard deviations of a free channel's parameters over those of a scattered one. The real pole's
@@ -73,22 +74,19 @@ impl Part {
         let mut linear = Linear::default();
         for channel in data.channels().filter(|channel| rows.contains(&channel.start)) {
             let unit = data.rows[channel.start].unit;
-            let mut sums_of_channel = [0, 1].map(|_| ChannelSums::new(dimension(data.samples)));
             for row in channel {
                 model.linearise(row, data, &mut linear);
                 let off = model.units[unit] + model.each[row] - model.mean;
                 let s = data.beside.drive[row];
                 let signal = Whitened::of(&linear, &model.theta(row, data), &off, s, model);
-                for (sums, channel) in all.iter_mut().zip(&mut sums_of_channel) {
-                    sums.add_signal(&signal, powers(s), &data.beside.z[row], channel);
+                for sums in &mut all {
+                    sums.add_signal(&signal, powers(s), &data.beside.z[row]);
                     if sums.tells_scatter(unit) {
                         sums.hide_behind_signal(&signal, powers(s));
                     }
                 }
             }
-            for (sums, channel) in all.iter_mut().zip(sums_of_channel) {
-                sums.close_channel(channel, sums.tells_scatter(unit));
-            }
+            all.iter_mut().for_each(|sums| sums.close_channel(unit));
         }
         all.map(Sums::finish)
     }
@@ -117,24 +115,18 @@ impl Part {
 }
 
 /// One signal in the metric of its noise and of the scatter from burst to burst: V^-1 = 1/v - L L^T. J: the
-/// signal's tangent, N x ALL.
+/// signal's tangent, and what the previous ring adds per unit of its share; N x MOVED.
 struct Whitened {
     /// L, N x FREE.
     l: OMatrix<f64, Dyn, Const<FREE>>,
-    /// V^-1 J, N x ALL, and J^T V^-1 J.
+    /// V^-1 J, N x MOVED, and J^T V^-1 J.
     w: DMatrix<f64>,
-    h: Matrix6,
-    /// V^-1 r of the residual r about the mean channel.
-    of_residual: DVector<f64>,
-    /// The same for shapes: the output f is replaced by its mean E[f] over the signal's posterior
-    /// (`curvature.rs`).
+    h: SMatrix<f64, MOVED, MOVED>,
+    /// Score of shapes: V^-1 r of the residual r about the mean channel, where the output f is replaced by its
+    /// mean E[f] over the signal's posterior (`curvature.rs`).
     of_shapes: DVector<f64>,
-    /// Score of the parameters: J^T V^-1 r, and what the curvature adds to it.
-    along_residual: SMatrix<f64, ALL, 1>,
-    /// What the previous ring adds per unit of its share, x; V^-1 x; and J^T V^-1 x.
-    tail: DVector<f64>,
-    of_tail: DVector<f64>,
-    along_tail: SMatrix<f64, ALL, 1>,
+    /// Score of what moves: J^T V^-1 r, and what the curvature adds to that of parameters.
+    along_residual: SMatrix<f64, MOVED, 1>,
     counts: Vec<f64>,
     /// ln |V| and r^T V^-1 r.
     ln_determinant: f64,
@@ -156,24 +148,22 @@ impl Whitened {
 
         // Woodbury: (v + J within J^T)^-1 = 1/v - J M J^T / v² with M = within (1 + G within)^-1 and G = J^T
         // J/v over the FREE columns; so L = J M^1/2 / v
-        let j6 = DMatrix::from_fn(n, ALL, |k, j| t[j][k]);
-        let gram = j6.tr_mul(&j6) / v;
+        let j7 = DMatrix::from_fn(n, MOVED, |k, j| if j < ALL { t[j][k] } else { linear.tail[k] });
+        let gram = j7.tr_mul(&j7) / v;
         let gram5: Matrix5 = gram.fixed_view::<FREE, FREE>(0, 0).into_owned();
         let inner = Matrix5::identity() + gram5 * model.within;
         let inverse = inverse_or_zero(inner);
         let m = model.within * inverse;
         let m = (m + m.transpose()) * 0.5;
-        let j5 = j6.columns(0, FREE).into_owned();
+        let j5 = j7.columns(0, FREE).into_owned();
         let l = &j5 * square_root(&m) / v;
-        let solve = |x: &DVector<f64>| x / v - &l * (l.tr_mul(x));
-        let w = &j6 / v - &l * (l.tr_mul(&j6));
-        let of_residual = solve(&r);
+        let w = &j7 / v - &l * (l.tr_mul(&j7));
+        let of_residual = &r / v - &l * (l.tr_mul(&r));
 
         let beyond = posterior_mean(theta, linear, drive, &m, v);
         let of_mean = inverse * beyond.slope;
-        let tail = DVector::from_column_slice(&linear.tail);
         Whitened {
-            h: Matrix6::from_fn(|a, b| j6.column(a).dot(&w.column(b))),
+            h: SMatrix::from_fn(|a, b| j7.column(a).dot(&w.column(b))),
             // Without curvature, the score of the mean's parameters, J^T V^-1 r, is within^-1 times the
             // posterior mean of the signal's deviation. Curvature moves that mean by M slope, so the score by
             // within^-1 M slope = (1 + G within)^-1 slope.
@@ -181,16 +171,12 @@ impl Whitened {
                 w.column(a).dot(&r) + of_mean.get(a).copied().unwrap_or(0.0)
             }),
             of_shapes: &of_residual - DVector::from_vec(beyond.expected) / v,
-            of_tail: solve(&tail),
-            along_tail: SMatrix::from_fn(|a, _| w.column(a).dot(&tail)),
             counts: linear.counts.clone(),
             ln_determinant: inner.determinant().max(f64::MIN_POSITIVE).ln()
                 + linear.counted() * v.ln(),
             square: r.dot(&of_residual),
             l,
             w,
-            of_residual,
-            tail,
         }
     }
 }
@@ -207,6 +193,8 @@ struct Sums<'a> {
     stride: usize,
     inflate: f64,
     part: Part,
+    /// The sums over the channel whose signals are being added.
+    channel: ChannelSums,
     /// Columns over the shapes whose products the scatter within channels, and that between them, take off K.
     of_signals: Vec<f64>,
     of_channels: Vec<f64>,
@@ -256,6 +244,7 @@ impl<'a> Sums<'a> {
                 deviance: 0.0,
                 diagonal: DMatrix::zeros(PATTERNS * PATTERNS, n),
             },
+            channel: ChannelSums::new(d),
             of_signals: Vec::new(),
             of_channels: Vec::new(),
         }
@@ -277,50 +266,34 @@ impl<'a> Sums<'a> {
     /// What an extension looks like in the signal is a Kronecker product: the powers of the drive times a
     /// shape, or the covariates times J. Products of shapes with each other are left to `diagonal` (the
     /// noise) and to `hide_behind_signal` (the scatter).
-    fn add_signal(
-        &mut self,
-        signal: &Whitened,
-        powers: [f64; PATTERNS],
-        z: &[f64; COVARIATES],
-        channel: &mut ChannelSums,
-    ) {
-        const MOVED: usize = COVARIATES * ALL;
+    fn add_signal(&mut self, signal: &Whitened, powers: [f64; PATTERNS], z: &[f64; COVARIATES]) {
+        const BLOCK: usize = COVARIATES * MOVED;
         let (shapes, of_shapes) = (PATTERNS * self.data.samples, self.patterns * self.data.samples);
         let Part { k, deviance, diagonal, .. } = &mut self.part;
-        let ChannelSums { info, score, cross, g } = channel;
+        let ChannelSums { info, score, cross, g } = &mut self.channel;
         let Whitened { w, h, .. } = signal;
         let drive = DVector::from_column_slice(&powers[..self.patterns]);
         let z = DVector::from_column_slice(z);
-        let tail = k.nrows() - 1;
         *deviance += signal.ln_determinant + signal.square;
 
         if self.patterns > 0 {
             let counts = DVector::from_column_slice(&signal.counts) / self.model.noise_var;
             *diagonal += drive.kronecker(&drive) * counts.transpose();
             let moved = drive.transpose().kronecker(&z.kronecker(&w.transpose()));
-            let mut rows = k.view_mut((shapes, 0), (MOVED, of_shapes));
+            let mut rows = k.view_mut((shapes, 0), (BLOCK, of_shapes));
             rows += moved;
-            let mut row = k.view_mut((tail, 0), (1, of_shapes));
-            row += drive.kronecker(&signal.of_tail).transpose();
             let mut scores = g.rows_mut(0, of_shapes);
             scores += drive.kronecker(&signal.of_shapes);
             let mut rows = cross.rows_mut(0, of_shapes);
             rows += drive.kronecker(&w.columns(0, FREE));
         }
 
-        let mut block = k.view_mut((shapes, shapes), (MOVED, MOVED));
+        let mut block = k.view_mut((shapes, shapes), (BLOCK, BLOCK));
         block += (&z * z.transpose()).kronecker(h);
-        let mut row = k.view_mut((tail, shapes), (1, MOVED));
-        row += z.kronecker(&signal.along_tail).transpose();
-        let mut scores = g.rows_mut(shapes, MOVED);
+        let mut scores = g.rows_mut(shapes, BLOCK);
         scores += z.kronecker(&signal.along_residual);
-        let mut rows = cross.rows_mut(shapes, MOVED);
+        let mut rows = cross.rows_mut(shapes, BLOCK);
         rows += z.kronecker(&h.fixed_columns::<FREE>(0));
-
-        g[tail] += signal.tail.dot(&signal.of_residual);
-        k[(tail, tail)] += signal.tail.dot(&signal.of_tail);
-        let mut row = cross.row_mut(tail);
-        row += signal.along_tail.fixed_rows::<FREE>(0).transpose();
         *score += signal.along_residual.fixed_rows::<FREE>(0);
         *info += h.fixed_view::<FREE, FREE>(0, 0);
     }
@@ -339,9 +312,10 @@ impl<'a> Sums<'a> {
     /// Accounts for the scatter between channels once all of a channel's signals are in, by Woodbury's
     /// identity: K -= B S B^T and g -= B S `score`, where B is `cross`, and S = between (1 + H between)^-1
     /// with H = `info`.
-    fn close_channel(&mut self, channel: ChannelSums, tells_scatter: bool) {
+    fn close_channel(&mut self, unit: usize) {
+        let d = self.part.g.len();
+        let channel = std::mem::replace(&mut self.channel, ChannelSums::new(d));
         let ChannelSums { info, score, cross, g: mut g_unit } = channel;
-        let d = g_unit.len();
         let shapes = PATTERNS * self.data.samples;
         let inner = Matrix5::identity() + info * self.between;
         let s = self.between * inverse_or_zero(inner);
@@ -351,11 +325,10 @@ impl<'a> Sums<'a> {
         self.part.deviance -= score.dot(&(s * score));
 
         // F = B S^1/2, so that B S B^T = F F^T
-        let root = square_root(&s);
-        let f = &cross * DMatrix::from_fn(FREE, FREE, |a, b| root[(a, b)]);
-        g_unit -= &cross * DVector::from_column_slice((s * score).as_slice());
+        let f = &cross * square_root(&s);
+        g_unit -= &cross * (s * score);
 
-        if tells_scatter {
+        if self.tells_scatter(unit) {
             let scale = self.inflate;
             for column in f.column_iter() {
                 self.of_channels.extend(column.rows(0, shapes).iter().map(|x| x * scale));

@@ -73,16 +73,16 @@ impl Covariates {
         [all().fold(f64::INFINITY, f64::min), all().fold(0.0, f64::max)]
     }
 
-    fn standardise(&mut self, which: usize, of: impl Fn(usize) -> f64) {
-        let known: Vec<usize> = (0..self.z.len()).filter(|&i| of(i).is_finite()).collect();
-        let count = known.len() as f64;
-        if count < (1.0 - LITTLE) * self.z.len().max(1) as f64 || known.is_empty() {
+    fn standardise(&mut self, which: usize, values: &[f64]) {
+        let known = || values.iter().copied().filter(|x| x.is_finite());
+        let count = known().count() as f64;
+        if count < (1.0 - LITTLE) * self.z.len().max(1) as f64 {
             return;
         }
-        let mean = known.iter().map(|&i| of(i)).sum::<f64>() / count;
-        let square = known.iter().map(|&i| (of(i) - mean).powi(2)).sum::<f64>() / count;
-        let low = known.iter().map(|&i| of(i)).fold(f64::INFINITY, f64::min);
-        let high = known.iter().map(|&i| of(i)).fold(f64::NEG_INFINITY, f64::max);
+        let mean = known().sum::<f64>() / count;
+        let square = known().map(|x| (x - mean).powi(2)).sum::<f64>() / count;
+        let (low, high) =
+            (known().fold(f64::INFINITY, f64::min), known().fold(-f64::INFINITY, f64::max));
         self.mean[which] = mean;
         self.span[which] = high - low;
         if square.sqrt() <= 1e-9 * mean.abs().max(1e-300) || square <= 0.0 {
@@ -90,8 +90,8 @@ impl Covariates {
         }
         self.sd[which] = square.sqrt();
         self.present[which] = true;
-        for &i in &known {
-            self.z[i][which] = (of(i) - mean) / square.sqrt();
+        for (z, x) in self.z.iter_mut().zip(values).filter(|(_, x)| x.is_finite()) {
+            z[which] = (x - mean) / square.sqrt();
         }
     }
 
@@ -123,7 +123,9 @@ impl Covariates {
         new.z.iter_mut().for_each(|z| z[ONE] = 1.0);
         new.present[ONE] = true;
         for which in ONE + 1..COVARIATES {
-            new.standardise(which, |i| value(which, &recorded[i], first_ns));
+            let values: Vec<f64> =
+                recorded.iter().map(|beside| value(which, beside, first_ns)).collect();
+            new.standardise(which, &values);
         }
         new
     }

@@ -15,11 +15,12 @@ use super::matrices::{Matrix5, Vector5};
 use super::model::Linear;
 use inkling_core::model::free_decay::{FREE, Theta};
 use inkling_core::model::inner_product::dot;
+use nalgebra::{Matrix4, matrix};
 
 /// Second derivatives H of the decay by ln damping, ln frequency and the two amplitudes of the pair, one 4 x
 /// 4 matrix per sample, counts; all others are 0, or as small as the real pole's part. `counts`: 1 for each
 /// sample that counts, else 0.
-fn second(theta: &Theta, drive: f64, counts: &[f64]) -> Vec<[[f64; 4]; 4]> {
+fn second(theta: &Theta, drive: f64, counts: &[f64]) -> Vec<Matrix4<f64>> {
     let n = counts.len() as f64;
     let (sigma, omega) = (theta[0].exp(), theta[1].exp());
     let at = |(k, count): (usize, &f64)| {
@@ -28,11 +29,11 @@ fn second(theta: &Theta, drive: f64, counts: &[f64]) -> Vec<[[f64; 4]; 4]> {
         let size = count * drive * (-x).exp();
         let (s, c) = (size * w.sin(), size * w.cos());
         let (p, q) = (theta[2] * c + theta[3] * s, theta[3] * c - theta[2] * s);
-        [
-            [(x * x - x) * p, -x * w * q, -x * c, -x * s],
-            [-x * w * q, w * q - w * w * p, -w * s, w * c],
-            [-x * c, -w * s, 0.0, 0.0],
-            [-x * s, w * c, 0.0, 0.0],
+        matrix![
+            (x * x - x) * p, -x * w * q, -x * c, -x * s;
+            -x * w * q, w * q - w * w * p, -w * s, w * c;
+            -x * c, -w * s, 0.0, 0.0;
+            -x * s, w * c, 0.0, 0.0
         ]
     };
     counts.iter().enumerate().map(at).collect()
@@ -55,19 +56,16 @@ pub fn posterior_mean(
 ) -> PosteriorMean {
     let second = second(theta, drive, &linear.counts);
     let columns = &linear.tangent.columns;
-    let curved = |h: &[[f64; 4]; 4]| -> f64 {
-        (0..4).map(|j| (0..4).map(|k| posterior[(j, k)] * h[j][k]).sum::<f64>()).sum()
-    };
-    let mut expected: Vec<f64> = second.iter().map(curved).collect();
+    let of_curved = posterior.fixed_view::<4, 4>(0, 0).into_owned();
+    let mut expected: Vec<f64> = second.iter().map(|h| of_curved.dot(h)).collect();
 
     // The shift is minus half of P times the third derivatives of U = |y - f|²/(2 noise_var), contracted with
     // P: U_mjk = (J_m H_jk + J_j H_mk + J_k H_mj) / noise_var, where the last two give the same.
     let mut third = Vector5::from_fn(|m, _| dot(&columns[m], &expected));
     for (at, h) in second.iter().enumerate() {
-        for k in 0..4 {
-            let by: f64 = (0..FREE).map(|j| columns[j][at] * posterior[(j, k)]).sum();
-            (0..4).for_each(|m| third[m] += 2.0 * by * h[m][k]);
-        }
+        let by = posterior.tr_mul(&Vector5::from_fn(|j, _| columns[j][at]));
+        let mut curved = third.fixed_rows_mut::<4>(0);
+        curved += h * by.fixed_rows::<4>(0) * 2.0;
     }
 
     let slope = third * (-0.5 / noise_var);

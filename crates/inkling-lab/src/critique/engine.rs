@@ -23,7 +23,7 @@ use super::artefacts::{Artefacts, accepted};
 use super::autoregression::Autoregression;
 use super::candidate::Candidate;
 use super::candidates::{Scored, Setting};
-use super::catalogue::{Acts, CATALOGUE, CauseId, Entry};
+use super::catalogue::{Acts, CauseId};
 use super::chance::without_a_name;
 use super::extended::{self, OutlierCount};
 pub use super::extended::{Extended, NotExtended};
@@ -103,10 +103,10 @@ fn of_ink_channels(all: &Observations, labelled: bool) -> Result<Outcome, Critiq
     // causes of the selection, the likelihood also for those of codes, noise and trigger.
     all.work.begins(work::GAIN);
     let applied: Vec<_> = selected.causes.iter().map(|c| c.candidate.form.clone()).collect();
-    let mut measured = gain::measure(&baseline, &applied, setting);
-    measured.gain.log_likelihood_per_signal =
+    let (misfit, mut gain) = gain::measure(&baseline, &applied, setting);
+    gain.log_likelihood_per_signal =
         worth::measure(&baseline, &applied, &artefacts, unwhitened.as_ref(), setting);
-    let detection = measured.gain.detection();
+    let detection = gain.detection();
     let figures = figures::draw(&baseline, &selected.fitted.model, &data);
 
     let ln_samples = data.ln_samples();
@@ -114,9 +114,9 @@ fn of_ink_channels(all: &Observations, labelled: bool) -> Result<Outcome, Critiq
     let count = outlier.iter().filter(|o| **o).count();
     let outliers = OutlierCount { signals: count, all: all.len() };
     let verdict = Verdict::of(&mut causes, &left.unexplained);
-    let allowed = extended::check(&applied, outliers, &measured.gain, verdict);
+    let allowed = extended::check(&applied, outliers, &gain, verdict);
     let mut remarks = unexplained(&selected.unnamed, &left);
-    remarks.extend(not_worth(&causes, &measured.gain));
+    remarks.extend(not_worth(&causes, &gain));
     remarks.extend(caveats(all, outliers, &allowed, causes.is_empty()));
     remarks.extend(ties(&causes));
 
@@ -125,10 +125,14 @@ fn of_ink_channels(all: &Observations, labelled: bool) -> Result<Outcome, Critiq
         verdict,
         sentence: verdict.sentence(&causes, &left.unexplained, detection),
         equation: equation(&causes),
-        not_testable: not_testable(&data, &causes),
+        // what is named all the same was tested: one of two converters may give what the other lacks
+        not_testable: NotTestable::all(|e| {
+            let is_named = causes.iter().any(|cause| cause.id == e.id);
+            e.needs.lacking(&data).filter(|_| !is_named)
+        }),
         causes,
-        misfit: measured.misfit,
-        gain: measured.gain,
+        misfit,
+        gain,
         extended_model: None,
         plant: None,
         remarks,
@@ -337,13 +341,6 @@ fn all_evidence(artefacts: &Artefacts, selected: &Selected, ln_samples: f64) -> 
         ..found.evidence(0, ln_samples)
     };
     artefacts.all().map(row).chain(selected.evidence.iter().cloned()).collect()
-}
-
-/// What is named all the same was tested: one of two converters may give what the other lacks.
-fn not_testable(data: &Observations, causes: &[Cause]) -> Vec<NotTestable> {
-    let untested = CATALOGUE.iter().filter(|e| causes.iter().all(|cause| cause.id != e.id));
-    let lacking = |e: &Entry| Some(NotTestable { id: e.id, needs: e.needs.lacking(data)?.into() });
-    untested.filter_map(lacking).collect()
 }
 
 fn unexplained(unnamed: &[Scored], left: &Adequacy) -> Vec<String> {

@@ -106,15 +106,15 @@ pub fn test(data: &Observations, model: &Model) -> Vec<Candidate> {
     let n = data.samples;
     let v = left.iter().map(|l| dot(&l.u, &l.u)).sum::<f64>()
         / (left.len() * (n - TAKEN).max(1)) as f64;
-    let line = pooled_line(&left, n, v);
+    let (line, contrast) = pooled_line(&left, n, v);
     let mut rho = lag_one(&left, n, v);
 
     // A line correlates the noise, and correlated noise is a broad hump in the spectrum. So the line counts
     // only if it stands out of its neighbourhood; the correlation is then measured without it.
     let mut line_surprise = line.surprise;
     if line_surprise > 0.0 {
-        left.iter_mut().for_each(|left| notch(left, line.omega, n));
-        if line.surprise > THRESHOLD && line.contrast > STANDS_OUT {
+        left.iter_mut().for_each(|left| notch(left, line.value, n));
+        if line.surprise > THRESHOLD && contrast > STANDS_OUT {
             rho = lag_one(&left, n, v);
         } else {
             line_surprise = 0.0;
@@ -122,11 +122,12 @@ pub fn test(data: &Observations, model: &Model) -> Vec<Candidate> {
     }
 
     let hz = |omega: f64| omega / TAU / data.length_s();
-    let tone = found(CauseId::RandomTone, line.z, hz(line.omega), hz(line.sd));
+    let (surprise, value, sd) = (line_surprise, hz(line.value), hz(line.sd));
+    let tone = Candidate { surprise, value, sd, ..line };
     let growth = heteroscedastic(&left, n, v);
     // noise that shrinks with the signal is no cause of the catalogue
     let surprise = if growth.value > 0.0 { growth.surprise } else { 0.0 };
-    vec![Candidate { surprise: line_surprise, ..tone }, rho, Candidate { surprise, ..growth }]
+    vec![tone, rho, Candidate { surprise, ..growth }]
 }
 
 /// How surprising whitened signals are if their noise was this autoregression. `tones`: frequencies of random tones, rad per signal length.
@@ -144,17 +145,6 @@ pub fn surprise_of(
 
 fn found(id: CauseId, z: f64, value: f64, sd: f64) -> Candidate {
     Candidate { value, sd, ..Candidate::plain(id, z * z, ()) }
-}
-
-struct Line {
-    /// Its frequency, and the standard error of that; rad per signal length.
-    omega: f64,
-    sd: f64,
-    z: f64,
-    /// -ln of the probability that white noise has such a line at any frequency.
-    surprise: f64,
-    /// Its excess over white noise, over that of the neighbouring frequencies.
-    contrast: f64,
 }
 
 /// Projects cosine and sine at a frequency (rad per signal length) out of a residual, too.
@@ -184,10 +174,11 @@ fn mean_power(left: &[Residual], v: f64, omega: f64) -> (f64, f64) {
     mean_of(&values)
 }
 
-/// `v`: variance of the noise. In white noise a periodogram is exponentially distributed, so the cube root of
+/// The line of random phase that all signals share, its frequency in rad per signal length; and its excess over
+/// white noise, over that of the neighbouring frequencies. `v`: variance of the noise. In white noise a periodogram is exponentially distributed, so the cube root of
 /// the mean over m signals is nearly normal. The largest of n independent frequencies is looked at, which
 /// adds ln n to the logarithm of its probability.
-fn pooled_line(left: &[Residual], n: usize, v: f64) -> Line {
+fn pooled_line(left: &[Residual], n: usize, v: f64) -> (Candidate, f64) {
     let ratio = |omega: f64| mean_power(left, v, omega);
     let m = left.len() as f64;
     // the mean of m exponentials as a normal deviate, by the approximation of Wilson and Hilferty
@@ -214,17 +205,13 @@ fn pooled_line(left: &[Residual], n: usize, v: f64) -> Line {
     // variance of the frequency is 6 / (s m) in (rad per signal length)²; 1 + 1/s widens it for weak lines.
     let snr = (r - 1.0).max(1e-6);
     let var = 6.0 / (n as f64 * n as f64) / (snr * m) * (1.0 + 1.0 / snr) * (n * n) as f64;
-    Line {
-        omega,
-        sd: var.sqrt(),
-        z,
-        // below the slowest line, the power is that of slow noise
-        surprise: match omega < LEAST_PERIODS * TAU {
-            true => 0.0,
-            false => (-(ln_upper_tail(z)) - (n as f64).ln()).max(0.0),
-        },
-        contrast: (r - 1.0) / (around(&all, best) - 1.0).abs().max(1.0 / m.sqrt()),
-    }
+    // below the slowest line, the power is that of slow noise
+    let surprise = match omega < LEAST_PERIODS * TAU {
+        true => 0.0,
+        false => (-(ln_upper_tail(z)) - (n as f64).ln()).max(0.0),
+    };
+    let line = Candidate { surprise, ..found(CauseId::RandomTone, z, omega, var.sqrt()) };
+    (line, (r - 1.0) / (around(&all, best) - 1.0).abs().max(1.0 / m.sqrt()))
 }
 
 /// Median power of the neighbours of a peak, those 5 to 24 steps away.

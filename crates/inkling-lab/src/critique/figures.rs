@@ -120,16 +120,15 @@ pub fn draw(before: &Model, after: &Model, data: &Observations) -> Figures {
 /// Means in bins of x and of what the models before and after leave, with 95 % bars by its scatter in the bin.
 pub fn in_bins(bins: impl Iterator<Item = impl Iterator<Item = [f64; 3]>>) -> Compared {
     let bins: Vec<Vec<[f64; 3]>> = bins.map(Iterator::collect).collect();
-    let mean =
-        |bin: &Vec<[f64; 3]>, j: usize| bin.iter().map(|of| of[j]).sum::<f64>() / bin.len() as f64;
-    let bar = |bin: &Vec<[f64; 3]>, j: usize| {
-        let (count, mean) = (bin.len() as f64, mean(bin, j));
-        let v = bin.iter().map(|of| (of[j] - mean).powi(2)).sum::<f64>() / count;
-        1.96 * (v / (count - 1.0).max(1.0)).sqrt()
+    let means = |j: usize| -> (Vec<f64>, Vec<f64>) {
+        let column = |bin: &Vec<[f64; 3]>| bin.iter().map(|of| of[j]).collect::<Vec<f64>>();
+        bins.iter().map(|bin| mean_of(&column(bin))).unzip()
     };
-    let means = |j: usize| bins.iter().map(|bin| mean(bin, j)).collect::<Vec<f64>>();
-    let curve = |j: usize| Curve::about(means(j), bins.iter().map(|bin| bar(bin, j)));
-    Compared { x: means(0), before: curve(1), after: curve(2) }
+    let curve = |j: usize| {
+        let (mean, se) = means(j);
+        Curve::about(mean, se.into_iter().map(|se| 1.96 * se))
+    };
+    Compared { x: means(0).0, before: curve(1), after: curve(2) }
 }
 
 /// Mean of the misfit of `PARAMETERS[j]` in bins of covariate `which`, with 95 % bars; empty where there

@@ -3,7 +3,7 @@
 //! `engine.rs` and `decay/mod.rs` fill them. `critique.json` is [`Critique`] serialised, without the fields
 //! marked `skip` (`schemas/critique.md`); evidence and figures go to tables of their own and to the report.
 
-use super::catalogue::CauseId;
+use super::catalogue::{CATALOGUE, CauseId, Entry};
 use super::digits;
 use super::objection::{Objection, WhyNot};
 pub use crate::score::blind::Verdict;
@@ -77,25 +77,6 @@ impl Critique {
 }
 
 impl Cause {
-    /// A cause with its normal 95 % interval, tied with none, whose sentence is still to be written.
-    pub fn new(id: CauseId, value: f64, sd: f64, strength_dl: f64, delta_bic: f64) -> Cause {
-        let entry = id.row();
-        Cause {
-            id,
-            parameter: entry.parameter.into(),
-            unit: entry.unit.into(),
-            value,
-            ci95: [value - 1.96 * sd, value + 1.96 * sd],
-            strength_dl,
-            delta_bic,
-            tied_with: Vec::new(),
-            tied_unnamed: Vec::new(),
-            matters_for_detection: false,
-            explains: None,
-            sentence: String::new(),
-        }
-    }
-
     pub fn is_tied(&self) -> bool {
         !self.tied_with.is_empty() || !self.tied_unnamed.is_empty()
     }
@@ -139,6 +120,14 @@ pub struct Forecast {
 pub struct NotTestable {
     pub id: CauseId,
     pub needs: String,
+}
+
+impl NotTestable {
+    /// All causes of the catalogue for which `lacking` says what they would need.
+    pub fn all(lacking: impl Fn(&Entry) -> Option<&'static str>) -> Vec<NotTestable> {
+        let lacks = |e: &Entry| Some(NotTestable { id: e.id, needs: lacking(e)?.into() });
+        CATALOGUE.iter().filter_map(lacks).collect()
+    }
 }
 
 /// Misfit of the baseline model on all signals that the critique rests on.

@@ -1,7 +1,7 @@
 //! What the extension buys on signals that nothing was fitted to: misfit, whiteness, false alarms, and the
 //! detection of a small fault, before and after.
 //!
-//! In: the baseline, and the causes that extend it. Out: [`Measured`]. The steps:
+//! In: the baseline, and the causes that extend it. Out: [`Misfit`] and [`Gain`]. The steps:
 //!
 //! 1. split the signals: both models are fitted to every other channel in three of five blocks of time, and
 //!    judged on the other channels in the two blocks between (with too few channels, the split is by time
@@ -31,13 +31,6 @@ use std::iter::Sum;
 
 /// Seed of the drawings: the same for all figures, so that these can be compared.
 const DRAWINGS: u64 = 1;
-
-/// With too few signals, the gain is empty.
-#[derive(Default)]
-pub struct Measured {
-    pub gain: Gain,
-    pub misfit: Misfit,
-}
 
 /// Sums over the samples of signals, or of parts of an oscillator's decays (`decay/gain.rs`).
 #[derive(Clone, Copy, Default)]
@@ -125,11 +118,10 @@ fn judge(model: &Model, data: &Observations, known: bool, lags: bool) -> Vec<Jud
     };
     let mut predictor = Predictor::of(model, data, of_unit);
     let (scale, v) = (model.scale(), model.noise_var);
-    let n = data.samples;
     (0..data.len())
         .map(|i| {
-            let MostProbable { linear, gram, product, about, square } = predictor.most_probable(i);
-            let spread = predictor.spread(i);
+            let MostProbable { linear, gram, product, about, spread, square } =
+                predictor.most_probable(i);
             let precision = inverse_or_zero(spread);
             let r = &linear.residual;
             // Chi-squared is r0^T (v + J S J^T)^-1 r0, with the residual r0 about the population's mean and
@@ -142,10 +134,8 @@ fn judge(model: &Model, data: &Observations, known: bool, lags: bool) -> Vec<Jud
             let off = about + inverse * product;
             let metric = inverse_or_zero(inverse * v + spread);
             let white = lags.then(|| Lags::of(r.clone(), &linear.by_free(&scale).qr().q()));
-            let y = data.signal(i);
-            let centre = y.iter().map(|y| f64::from(*y)).sum::<f64>() / n as f64;
-            let signal = y.iter().map(|y| (f64::from(*y) - centre).powi(2)).sum();
-            let squares = Squares { chi2, misfit: square, signal, samples: n as f64 };
+            let (signal, samples) = (data.movement(i), data.samples as f64);
+            let squares = Squares { chi2, misfit: square, signal, samples };
             Judged { unit: data.rows[i].unit, squares, off, metric, white }
         })
         .collect()
@@ -238,21 +228,21 @@ fn figures(
 }
 
 /// `before`: the baseline, fitted to all signals. `causes`: as found in all signals; they are fitted again to
-/// the training part. With too few signals only the misfit of `before` is measured.
-pub fn measure(before: &Model, causes: &[Applied], setting: Setting) -> Measured {
+/// the training part. With too few signals only the misfit of `before` is measured, and the gain is empty.
+pub fn measure(before: &Model, causes: &[Applied], setting: Setting) -> (Misfit, Gain) {
     let data = setting.data;
     let all = judge(before, data, true, true);
     let squares: Squares = all.iter().map(|judged| judged.squares).sum();
     let misfit = squares.misfit(whiteness(&all));
-    let mut measured = Measured { misfit, ..Measured::default() };
+    let unknown = (misfit, Gain::default());
 
     let by_channel = data.units >= FEWEST_UNITS;
     // where every channel was heard once, a split by time would add nothing
     let by_time = data.len() > data.units;
     let split = TrainTestSplit::of(data, by_channel, by_time);
-    let Some(TrainTestSplit { train, test, .. }) = split else { return measured };
+    let Some(TrainTestSplit { train, test, .. }) = split else { return unknown };
     let part = Setting { data: &train, avoid: setting.avoid };
-    let Some(plain) = baseline(Some(before), part) else { return measured };
+    let Some(plain) = baseline(Some(before), part) else { return unknown };
     let extended = with(&plain, causes, part);
 
     // judge both by the same fault, so that their AUCs can be compared
@@ -268,7 +258,7 @@ pub fn measure(before: &Model, causes: &[Applied], setting: Setting) -> Measured
         (true, false) => "channel",
         _ => "time",
     };
-    measured.gain = Gain {
+    let gain = Gain {
         detection_gain: after.detection_auc - before.detection_auc,
         before,
         after,
@@ -282,7 +272,7 @@ pub fn measure(before: &Model, causes: &[Applied], setting: Setting) -> Measured
             fitted_channels: train.units,
         },
     };
-    measured
+    (misfit, gain)
 }
 
 /// The signal in the middle of the rows stands for all.
@@ -318,14 +308,13 @@ mod tests {
                     draw(&Run { channels: 12, bursts: 8, spread, ..Run::default() }, 700 + seed);
                 let model = Model::fitted(&data, 2).unwrap();
                 let setting = Setting { data: &data, avoid: &[] };
-                let measured = measure(&model, &[], setting);
-                let gain = measured.gain;
+                let (misfit, gain) = measure(&model, &[], setting);
                 assert_eq!((gain.held_out.channels, gain.held_out.fitted_channels), (6, 6));
                 assert_eq!(gain.before.chi2_per_dof, gain.after.chi2_per_dof);
                 alarms += gain.before.false_alarms * gain.held_out.signals as f64;
                 signals += gain.held_out.signals as f64;
                 least += usize::from(gain.before.whiteness_p < 1e-3);
-                measured.misfit.whiteness_p
+                misfit.whiteness_p
             })
             .collect();
         assert_uniform(p);

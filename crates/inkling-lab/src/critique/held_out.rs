@@ -43,17 +43,16 @@ impl TrainTestSplit {
             (!by_channel || (data.rows[i].unit % 2 == 1) == test)
                 && (!by_time || held_out[i] == test)
         };
-        let channels = |test: bool| -> Vec<(usize, f64)> {
-            let rows = (0..data.len()).filter(|i| is_in(test, *i));
-            let units: Vec<usize> = rows.map(|i| data.rows[i].unit).collect();
-            units.chunk_by(usize::eq).map(|same| (same[0], same.len() as f64)).collect()
-        };
-        // `select` numbers channels in the order of rows, so a place in this list is the new number
-        let fitted = channels(false);
-        let place = |unit: usize| fitted.iter().position(|(known, _)| *known == unit);
-        let in_train = channels(true).into_iter().map(|(unit, _)| place(unit)).collect();
-        let counts = fitted.iter().map(|(_, count)| *count).collect();
         let [train, test] = [false, true].map(|test| data.select(|i| is_in(test, i)));
+        // printhead and number of each channel, in the order in which `select` numbers channels
+        let channels = |of: &Observations| -> Vec<(usize, u32)> {
+            let first = of.channels().map(|rows| &of.rows[rows.start]);
+            first.map(|row| (row.printhead, row.beside.channel)).collect()
+        };
+        let fitted = channels(&train);
+        let place = |channel| fitted.iter().position(|known| *known == channel);
+        let in_train = channels(&test).into_iter().map(place).collect();
+        let counts = train.channels().map(|rows| rows.len() as f64).collect();
         let enough = train.len() >= FEWEST && test.len() >= FEWEST;
         enough.then_some(TrainTestSplit { train, test, in_train, counts })
     }

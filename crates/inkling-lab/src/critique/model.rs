@@ -170,11 +170,7 @@ pub fn with_its_pole(mut theta: Theta) -> Theta {
 impl Model {
     /// The share of the signals' movement about their means that is no noise.
     pub fn explained(&self, data: &Observations) -> f64 {
-        let movement = |y: &[f32]| {
-            let centre = y.iter().map(|y| f64::from(*y)).sum::<f64>() / y.len() as f64;
-            y.iter().map(|y| (f64::from(*y) - centre).powi(2)).sum::<f64>()
-        };
-        let all: f64 = (0..data.len()).map(|i| movement(data.signal(i))).sum();
+        let all: f64 = (0..data.len()).map(|i| data.movement(i)).sum();
         1.0 - self.noise_var * (data.len() * data.samples) as f64 / all
     }
 

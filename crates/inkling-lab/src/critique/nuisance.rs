@@ -26,9 +26,8 @@ pub struct Nuisance<'a> {
     inverse: DMatrix<f64>,
     /// U^T g, with these priors.
     score: DVector<f64>,
-    /// What was added to the space's score g because causes were taken out of the model (`move_score`);
-    /// `None`: nothing.
-    moved: Option<DVector<f64>>,
+    /// The space's score g, and what was added to it because causes were taken out of the model (`move_score`).
+    g: DVector<f64>,
 }
 
 /// One value (a space, a nuisance) for each of the two spaces in which causes are tested.
@@ -76,7 +75,8 @@ impl<'a> Nuisance<'a> {
         let [slow, slow_sd] = space.slow;
         gram[(4, 4)] += 1.0 / (slow_sd * slow_sd);
         score[4] -= slow / (slow_sd * slow_sd);
-        Nuisance { space, inverse: pseudo_inverse(&gram), directions, places, score, moved: None }
+        let (inverse, g) = (pseudo_inverse(&gram), space.g.clone());
+        Nuisance { space, inverse, directions, places, score, g }
     }
 
     /// Changes the score as if `coefficient` times a direction, which is in the model, were not in it: to
@@ -86,31 +86,17 @@ impl<'a> Nuisance<'a> {
         for (score, own) in self.score.iter_mut().zip(&self.directions) {
             *score += own.dot(&step);
         }
-        match &mut self.moved {
-            Some(moved) => *moved += step,
-            None => self.moved = Some(step),
-        }
+        self.g += step;
     }
 
-    /// Joint step that the data ask for of all directions beside the mean's parameters, with its covariance.
-    pub fn causes(&self) -> (DVector<f64>, DMatrix<f64>) {
-        let q = self.directions.len();
-        let all = &self.inverse * &self.score;
-        (
-            all.rows(ALL, q - ALL).into_owned(),
-            self.inverse.view((ALL, ALL), (q - ALL, q - ALL)).into_owned(),
-        )
+    /// Joint step that the data ask for of all directions: of the mean's `ALL` parameters first.
+    pub fn step(&self) -> DVector<f64> {
+        &self.inverse * &self.score
     }
 
-    /// Joint step that the data ask for of the mean's parameters, with the causes of the nuisance free.
-    pub fn mean_shift(&self) -> [f64; ALL] {
-        let all = &self.inverse * &self.score;
-        std::array::from_fn(|j| all[j])
-    }
-
-    /// By how much the best step along the nuisance itself lowers -2 ln likelihood.
+    /// By how much that step lowers -2 ln likelihood.
     pub fn gain(&self) -> f64 {
-        self.score.dot(&(&self.inverse * &self.score))
+        self.score.dot(&self.step())
     }
 
     /// Statistic of some directions together; 0 where they cannot be tested ([`Nuisance::test`]).
@@ -134,11 +120,9 @@ impl<'a> Nuisance<'a> {
             return None;
         }
 
-        // h, the score of the directions after the nuisance; x·g takes what `move_score` added
-        let own =
-            |x: &Direction| x.dot(&self.space.g) + self.moved.as_ref().map_or(0.0, |m| x.dot(m));
-        let score = DVector::from_fn(q, |i, _| own(&directions[i]))
-            - cross.tr_mul(&(&self.inverse * &self.score));
+        // h, the score of the directions after the nuisance
+        let own = DVector::from_fn(q, |i, _| directions[i].dot(&self.g));
+        let score = own - cross.tr_mul(&self.step());
         let covariance = gram.cholesky()?.inverse();
         let coefficients = &covariance * &score;
         Some(Tested {

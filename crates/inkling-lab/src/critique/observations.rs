@@ -8,7 +8,7 @@
 use super::covariates::Covariates;
 use super::work::Work;
 use inkling_core::burst::Beside;
-use std::collections::{BTreeMap, BTreeSet, BinaryHeap};
+use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
 use xxhash_rust::xxh3::xxh3_64;
 
@@ -64,6 +64,13 @@ impl Observations {
 
     pub fn signal(&self, i: usize) -> &[f32] {
         &self.y[i * self.samples..(i + 1) * self.samples]
+    }
+
+    /// Sum of squares of a signal about its mean.
+    pub fn movement(&self, i: usize) -> f64 {
+        let y = || self.signal(i).iter().map(|y| f64::from(*y));
+        let mean = y().sum::<f64>() / self.samples as f64;
+        y().map(|y| (y - mean).powi(2)).sum()
     }
 
     /// The rows of each channel, by `Row::unit`.
@@ -143,9 +150,8 @@ pub struct Sampler {
     /// Whether all samples of all signals offered so far are whole counts.
     integer: bool,
     printheads: BTreeMap<String, usize>,
-    /// Hash and index in `held` of each signal. The largest hash, whose signal is replaced next, is on top.
-    heap: BinaryHeap<(u64, usize)>,
-    held: Vec<Held>,
+    /// By the hash of each signal and its number among all that were offered. The last one is replaced next.
+    held: BTreeMap<(u64, u64), Held>,
     found: u64,
 }
 
@@ -157,8 +163,7 @@ impl Sampler {
             whole_bursts: false,
             integer: true,
             printheads: BTreeMap::new(),
-            heap: BinaryHeap::new(),
-            held: Vec::new(),
+            held: BTreeMap::new(),
             found: 0,
         }
     }
@@ -174,7 +179,7 @@ impl Sampler {
     /// The length N at which most samples are kept, if longer signals are cut to it and shorter ones left
     /// out.
     fn common_length(&self) -> usize {
-        let mut lengths: Vec<usize> = self.held.iter().map(|h| h.y.len()).collect();
+        let mut lengths: Vec<usize> = self.held.values().map(|h| h.y.len()).collect();
         lengths.sort_unstable_by(|p, q| q.cmp(p));
         let kept = lengths.iter().enumerate().map(|(longer, &n)| (n * (longer + 1), n));
         kept.max().map_or(0, |(_, n)| n)
@@ -190,36 +195,29 @@ impl Sampler {
         }
         key.extend_from_slice(printhead.as_bytes());
         let hash = xxh3_64(&key);
-        let full = self.held.len() >= self.capacity;
-        if full && self.heap.peek().is_some_and(|(worst, _)| hash >= *worst) {
-            return;
+        if self.held.len() >= self.capacity {
+            if self.held.last_key_value().is_some_and(|((worst, _), _)| hash >= *worst) {
+                return;
+            }
+            self.held.pop_last();
         }
         let printhead = numbered(&mut self.printheads, printhead.to_owned());
         let held = Held { printhead, beside, y: signal.iter().map(|&y| y as f32).collect() };
-        let slot = match full.then(|| self.heap.pop()).flatten() {
-            Some((_, slot)) => {
-                self.held[slot] = held;
-                slot
-            }
-            None => {
-                self.held.push(held);
-                self.held.len() - 1
-            }
-        };
-        self.heap.push((hash, slot));
+        self.held.insert((hash, self.found), held);
     }
 
     pub fn finish(self) -> Observations {
         let samples = self.common_length();
-        let mut held = self.held;
+        let mut all = self.held;
         // one burst more was begun than there is room for, unless a single one is all that there is
-        let cut = self.heap.peek().map(|(hash, _)| *hash);
-        let of_cut = |(hash, slot): &(u64, usize)| (Some(*hash) == cut).then_some(*slot);
-        let of_cut: BTreeSet<usize> = self.heap.iter().filter_map(of_cut).collect();
-        if self.whole_bursts && self.found > held.len() as u64 && of_cut.len() < held.len() {
-            let mut slot = 0..;
-            held.retain(|_| slot.next().is_some_and(|slot| !of_cut.contains(&slot)));
+        if self.whole_bursts && self.found > all.len() as u64 {
+            let cut = all.last_key_value().map(|((hash, _), _)| *hash);
+            let is_whole = |hash: u64| Some(hash) != cut;
+            if all.keys().any(|(hash, _)| is_whole(*hash)) {
+                all.retain(|(hash, _), _| is_whole(*hash));
+            }
         }
+        let mut held: Vec<Held> = all.into_values().collect();
         held.retain(|h| h.y.len() >= samples);
         // a printhead may have none of the signals that are kept
         let kept: BTreeSet<usize> = held.iter().map(|h| h.printhead).collect();

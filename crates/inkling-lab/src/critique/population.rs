@@ -67,8 +67,9 @@ pub struct MostProbable {
     /// J^T J and J^T r there, not divided by the noise.
     pub gram: Matrix5,
     pub product: Vector5,
-    /// The most probable parameters relative to the population's mean.
+    /// The most probable parameters relative to the population's mean, and that population's covariance.
     pub about: Vector5,
+    pub spread: Matrix5,
     /// Sum of squares of the residual about the model's mean, counts².
     pub square: f64,
 }
@@ -92,10 +93,6 @@ impl Predictor<'_> {
         mean.units = vec![model.mean; data.units];
         mean.each = vec![Default::default(); data.len()];
         Predictor { data, of_unit, scale: model.scale(), mean }
-    }
-
-    pub fn spread(&self, i: usize) -> Matrix5 {
-        self.of_unit[self.data.rows[i].unit].spread
     }
 
     /// Linearises signal i at its most probable parameters, by Gauss-Newton from the model's mean on. They
@@ -122,7 +119,7 @@ impl Predictor<'_> {
             let on = by.filter(|by| step < MOST_STEPS && by.dot(&(hessian * by)) >= LEAST_STEP);
             let Some(by) = on else {
                 self.mean.each[i] = Default::default();
-                return MostProbable { linear, gram, product, about, square };
+                return MostProbable { linear, gram, product, about, spread, square };
             };
             for (j, step) in one_step(by.component_mul(&self.scale).as_slice()) {
                 self.mean.each[i][j] += step;

@@ -117,10 +117,10 @@ pub fn signals(model: &Model, data: &Observations, of_unit: Vec<Population>) -> 
             unit: data.rows[i].unit,
             expected: rest.linear.model,
             y: data.signal(i).iter().map(|y| f64::from(*y)).collect(),
-            off: residual + &tangent * DVector::from_column_slice(rest.about.as_slice()),
+            off: residual + &tangent * rest.about,
             counts: rest.linear.counts,
             tangent,
-            spread: predictor.spread(i),
+            spread: rest.spread,
             shift,
             noise_var: model.noise_var,
         }
@@ -140,11 +140,10 @@ impl Signal {
         let weights = DVector::from_fn(n, of);
         // A A^T = J S J^T with A = J times the Cholesky factor of S
         let root = floored(spread).cholesky()?.l();
-        let root = DMatrix::from_fn(FREE, FREE, |i, j| root[(i, j)]);
-        let mut a = &self.tangent * root;
+        let columns = if noise.tone.is_some() { FREE + 2 } else { FREE };
+        let mut a = (&self.tangent * root).resize_horizontally(columns, 0.0);
         // independent random amplitudes of the line's cosine and sine
         if let Some([omega, var]) = noise.tone {
-            a = a.resize_horizontally(FREE + 2, 0.0);
             for k in 0..n {
                 let (sin, cos) = (omega * k as f64 / n as f64).sin_cos();
                 (a[(k, FREE)], a[(k, FREE + 1)]) = (cos * var.sqrt(), sin * var.sqrt());
@@ -189,7 +188,7 @@ pub fn ln_densities_with_jitter(all: &[Signal], noise: &Noise, variance: f64) ->
             // part here, since the shift is accounted for below.
             let own = signal.spread - signal.shift * signal.shift.transpose() * variance;
             let Some(density) = signal.density(noise, &own, usize::MAX) else { continue };
-            let along = &signal.tangent * DVector::from_column_slice(signal.shift.as_slice());
+            let along = &signal.tangent * signal.shift;
             let solved = density.solve(&along);
             sum += density.ln(&signal.off);
             score += solved.dot(&signal.off);

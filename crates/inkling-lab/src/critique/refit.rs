@@ -130,7 +130,7 @@ pub fn follow(
     stride: f64,
 ) {
     let mut nuisance = Nuisance::new(&spaces.shapes, &[]);
-    let own = nuisance.mean_shift();
+    let own = nuisance.step();
     for (causes, sign) in [(old, 1.0), (new, -1.0)] {
         for cause in causes {
             for (direction, c) in cause.directions.iter().zip(&cause.coefficients) {
@@ -138,7 +138,7 @@ pub fn follow(
             }
         }
     }
-    let all = nuisance.mean_shift();
+    let all = nuisance.step();
     model.shift(&std::array::from_fn(|j| all[j] - (1.0 - stride) * own[j]));
 }
 
@@ -206,9 +206,10 @@ fn part_way(old: &Applied, new: Applied, stride: f64) -> Applied {
 /// Takes a share (`stride`) of a Gauss-Newton step of the causes and of the mean; not linearised anew yet.
 fn stepped(now: &Refit, setting: Setting, stride: f64) -> (Model, Vec<Applied>) {
     let Refit { model, causes, spaces } = now;
-    let (steps, _) = spaces.nuisances(causes).covariates.causes();
+    let steps = spaces.nuisances(causes).covariates.step();
     let mut next = causes.clone();
-    let mut at = 0;
+    // the causes' steps come after those of the mean's parameters
+    let mut at = ALL;
     for (index, cause) in next.iter_mut().enumerate() {
         let q = cause.coefficients.len();
         let step = &steps.as_slice()[at..at + q];

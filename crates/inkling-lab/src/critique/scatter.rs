@@ -16,7 +16,7 @@ use super::matrices::{
     Matrix5, Vector5, floored, free_part, inverse, inverse_or_zero, means_of_groups, scaled,
     unscaled,
 };
-use super::model::{Linear, Model, free_products};
+use super::model::{Model, free_products};
 use super::observations::Observations;
 use super::tuned::{LN_LAMBDA_SD, UNTOLD_NOISE};
 use inkling_core::model::free_decay::{ALL, FREE};
@@ -30,36 +30,11 @@ struct OneSignal {
     product: Vector5,
 }
 
-/// Information and score of all signals about ln lambda/sigma, once each signal's own parameters are free;
-/// still to be divided by the noise variance.
-#[derive(Default)]
-struct PoleSums {
-    information: f64,
-    score: f64,
-}
-
 /// The state of EM: the mean b0 relative to the model's mean, and the covariances B and W.
 struct Estimate {
     mean: Vector5,
     between: Matrix5,
     within: Matrix5,
-}
-
-impl PoleSums {
-    /// Adds a signal by the Schur complement: what its own columns explain of the pole's column p tells
-    /// nothing about the rate. `product`: J^T r over the own parameters; `along`: J^T p; `solved`: (J^T J)^-1
-    /// J^T p.
-    fn add(&mut self, linear: &Linear, product: &Vector5, along: &Vector5, solved: &Vector5) {
-        let column = &linear.tangent.columns[ALL - 1];
-        self.information += (dot(column, column) - along.dot(solved)).max(0.0);
-        self.score += dot(column, &linear.residual) - product.dot(solved);
-    }
-
-    /// Newton step of ln lambda/sigma. `off`: that of the model less the mean of its prior.
-    fn step(&self, off: f64, noise_var: f64) -> f64 {
-        let prior = 1.0 / (LN_LAMBDA_SD * LN_LAMBDA_SD);
-        (self.score / noise_var - off * prior) / (self.information / noise_var + prior)
-    }
 }
 
 impl Model {
@@ -104,18 +79,22 @@ impl Model {
 
     /// Steps 1 and 2. Returns every signal's information and score.
     fn signals_and_noise(&mut self, data: &Observations, scale: &Vector5) -> Vec<OneSignal> {
-        let mut of_pole = PoleSums::default();
+        // information and score about ln lambda/sigma, not divided by the noise variance
+        let (mut information, mut score) = (0.0, 0.0);
         let each = self.of_each(data, |i, linear| {
             let (gram, product) = free_products(linear, scale);
             let square = dot(&linear.residual, &linear.residual);
             // the tiny ridge keeps the matrix invertible where a parameter moves nothing
             let ridge = gram + Matrix5::identity() * (1e-9 * gram.trace());
             let columns = &linear.tangent.columns;
-            let along = Vector5::from_fn(|j, _| dot(&columns[j], &columns[ALL - 1]) * scale[j]);
+            let pole = &columns[ALL - 1];
+            let along = Vector5::from_fn(|j, _| dot(&columns[j], pole) * scale[j]);
             let solved = ridge.cholesky().map(|c| [c.solve(&product), c.solve(&along)]);
             let [of_residual, of_along] = solved.unwrap_or_default();
             let explained = product.dot(&of_residual).min(square);
-            of_pole.add(linear, &product, &along, &of_along);
+            // what a signal's own columns explain of the pole's tells nothing about the rate (Schur complement)
+            information += (dot(pole, pole) - along.dot(&of_along)).max(0.0);
+            score += dot(pole, &linear.residual) - product.dot(&of_along);
             let left = (square - explained) / (linear.counted() - FREE as f64).max(1.0);
             // adding J times the own deviation gives the residual about the channel alone, to first order
             let own = free_part(&self.each[i], scale);
@@ -132,7 +111,10 @@ impl Model {
             signal.gram /= self.noise_var;
             signal.product /= self.noise_var;
         }
-        self.shift_lambda(of_pole.step(self.lambda_off(), self.noise_var));
+        // a Newton step, with a Gaussian prior
+        let prior = 1.0 / (LN_LAMBDA_SD * LN_LAMBDA_SD);
+        let score = score / self.noise_var - self.lambda_off() * prior;
+        self.shift_lambda(score / (information / self.noise_var + prior));
         signals
     }
 }

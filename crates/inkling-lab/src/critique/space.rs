@@ -6,15 +6,15 @@
 //! all extensions, in this order:
 //!
 //! * `PATTERNS` x N columns: a unit impulse at each sample, times the drive to the power 0, 1, 2 or 3;
-//! * `COVARIATES` x `ALL` columns: each covariate times the derivative by each parameter;
-//! * one column: the tail of the previous ring.
+//! * `COVARIATES` x `MOVED` columns: each covariate times the derivative by each parameter, and times the tail
+//!   of the previous ring.
 //!
 //! A candidate is a [`Direction`], a vector x over these columns. Its likelihood-ratio statistic without
 //! nuisance is (x·g)² / (x·K x). Shapes are tested in the first space, where channels are as good as free;
 //! what follows a covariate in the second, with scattered channels, where K and g are 0 for all shapes.
 
-use super::contributions::Part;
-use super::covariates::COVARIATES;
+use super::contributions::{MOVED, Part};
+use super::covariates::ONE;
 use super::model::{Additions, Model, PATTERNS};
 use super::observations::Observations;
 use super::tuned::LN_LAMBDA_SD;
@@ -22,7 +22,6 @@ use inkling_core::model::free_decay::ALL;
 use inkling_core::side_by_side::side_by_side;
 use nalgebra::{DMatrix, DVector, DVectorView};
 use std::collections::BTreeMap;
-use std::f64::consts::PI;
 use std::ops::Range;
 
 /// ln L(x) = -deviance/2 + x·g - x·K x/2 about a model, with the size x of each extension.
@@ -51,24 +50,9 @@ impl Direction {
         Direction(vec![(pattern * shape.len(), shape)])
     }
 
-    /// A cosine and a sine that scale as the drive to the power `pattern`: together a wave of any phase.
-    /// `at`: amplitude and phase (rad) at each sample.
-    pub fn waves(
-        pattern: usize,
-        samples: usize,
-        at: impl Fn(usize) -> (f64, f64),
-    ) -> Vec<Direction> {
-        let at: Vec<(f64, f64)> = (0..samples).map(at).collect();
-        let wave = |later: f64| {
-            let y = at.iter().map(|(amplitude, phase)| amplitude * (phase + later).cos());
-            Direction::shape(pattern, y.collect())
-        };
-        vec![wave(0.0), wave(-PI / 2.0)]
-    }
-
     /// Moves the parameters by `v` per unit of the standardised covariate with index `which`.
     pub fn covariate(samples: usize, which: usize, v: [f64; ALL]) -> Direction {
-        Direction(vec![(PATTERNS * samples + which * ALL, v.to_vec())])
+        Direction(vec![(PATTERNS * samples + which * MOVED, v.to_vec())])
     }
 
     /// Moves parameter j alone, by 1 per unit of the covariate.
@@ -78,9 +62,9 @@ impl Direction {
         Direction::covariate(samples, which, v)
     }
 
-    /// Adds the previous ring as it goes on in the signal.
+    /// Adds the previous ring as it goes on in the signal, the same share of it in all.
     pub fn tail(samples: usize) -> Direction {
-        Direction(vec![(PATTERNS * samples + COVARIATES * ALL, vec![1.0])])
+        Direction(vec![(PATTERNS * samples + ONE * MOVED + ALL, vec![1.0])])
     }
 
     /// Adds `by` times this direction; a coefficient's index tells what it belongs to.
@@ -89,7 +73,7 @@ impl Direction {
         for (at, v) in self.0.iter().flat_map(|(at, v)| (*at..).zip(v)) {
             match at.checked_sub(PATTERNS * n) {
                 None => added.shapes[at / n][at % n] += by * v,
-                Some(at) if at < COVARIATES * ALL => added.beta[at / ALL][at % ALL] += by * v,
+                Some(at) if at % MOVED < ALL => added.beta[at / MOVED][at % MOVED] += by * v,
                 Some(_) => added.tail_gain += by * v,
             }
         }

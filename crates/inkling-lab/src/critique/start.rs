@@ -14,7 +14,7 @@ use super::observations::Observations;
 use super::waves::power_at;
 use inkling_core::model::free_decay::{FREE, Theta};
 use inkling_core::model::inner_product::dot;
-use inkling_core::model::median::median;
+use inkling_core::model::median::median_of;
 use inkling_core::numbers::LITTLE;
 use nalgebra::{DMatrix, DVector, Matrix3};
 
@@ -53,7 +53,10 @@ impl Model {
         };
 
         model.fit_units(data, 12);
-        model.recentre();
+        // the median over the channels, which a few channels that differ do not move
+        for j in 0..FREE {
+            model.mean[j] = median_of(model.units.iter().map(|unit| unit[j]));
+        }
         if data.len() > data.units {
             model.each = model.by_halves(data.len(), |model, i| model.nearest(i, data));
         }
@@ -95,14 +98,6 @@ impl Model {
         }
         self.each[i] = Theta::zeros();
         best.1
-    }
-
-    /// Moves the mean to the median over the channels, which a few channels that differ do not move.
-    fn recentre(&mut self) {
-        for j in 0..FREE {
-            let mut values: Vec<f64> = self.units.iter().map(|u| u[j]).collect();
-            self.mean[j] = median(&mut values);
-        }
     }
 }
 

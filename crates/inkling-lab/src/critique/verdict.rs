@@ -106,11 +106,13 @@ impl Detection {
 
 #[cfg(test)]
 mod tests {
+    use super::super::candidate::Candidate;
     use super::super::catalogue::CauseId::{self, *};
     use super::*;
 
     fn cause(id: CauseId, tied_with: &[CauseId]) -> Cause {
-        Cause { tied_with: tied_with.to_vec(), ..Cause::new(id, 1.0, 0.1, 2.2, 95.0) }
+        let plain = Candidate::by_chance(id, 50.0, 1.0, 0.1).cause(95.0);
+        Cause { tied_with: tied_with.to_vec(), ..plain }
     }
 
     fn judged(mut causes: Vec<Cause>, left: &Unexplained) -> (Verdict, Vec<Cause>) {

@@ -70,22 +70,20 @@ pub enum Outcome {
     Wrong,
 }
 
-const OUTCOMES: [Outcome; 7] = {
-    use Outcome::*;
-    [Right, Tied, WideTie, Partly, Withheld, Missed, Wrong]
-};
+/// In the order of the outcomes.
+const WORDS: [(Outcome, &str); 7] = [
+    (Outcome::Right, "right"),
+    (Outcome::Tied, "tied"),
+    (Outcome::WideTie, "wide tie"),
+    (Outcome::Partly, "one of two"),
+    (Outcome::Withheld, "withheld"),
+    (Outcome::Missed, "missed"),
+    (Outcome::Wrong, "wrong"),
+];
 
 impl Outcome {
     pub fn word(self) -> &'static str {
-        match self {
-            Outcome::Right => "right",
-            Outcome::Tied => "tied",
-            Outcome::WideTie => "wide tie",
-            Outcome::Partly => "one of two",
-            Outcome::Withheld => "withheld",
-            Outcome::Missed => "missed",
-            Outcome::Wrong => "wrong",
-        }
+        WORDS[self as usize].1
     }
 }
 
@@ -221,11 +219,12 @@ impl Blind {
 
     /// A Markdown table with a line for each effect (or effects) and strength.
     pub fn markdown(&self) -> String {
-        let heads: String = OUTCOMES.iter().map(|o| format!(" {} |", o.word())).collect();
-        let rule = "---|".repeat(OUTCOMES.len() + 3);
+        let heads: String = WORDS.iter().map(|(_, word)| format!(" {word} |")).collect();
+        let rule = "---|".repeat(WORDS.len() + 3);
         let mut text = format!("| hidden | DL | recordings |{heads}\n|{rule}\n");
         for ((_, effects, strength), row) in &self.rows {
-            let counts: String = OUTCOMES.iter().map(|o| format!(" {} |", row.count(*o))).collect();
+            let counts: String =
+                WORDS.iter().map(|(of, _)| format!(" {} |", row.count(*of))).collect();
             let effects = if effects.is_empty() { "nothing" } else { effects };
             text += &format!("| {effects} | {strength} | {} |{counts}\n", row.recordings);
         }

@@ -37,12 +37,7 @@ impl Channel {
     pub fn about(nominal: &InkChannel, spread: &Spread, rng: &mut ChaCha8Rng) -> Channel {
         let mut within = |half_width: f64| about_one(half_width, rng);
         Channel {
-            rates: InkChannel {
-                a_per_s2: nominal.a_per_s2 * within(spread.a),
-                b_per_s2: nominal.b_per_s2 * within(spread.b),
-                g_per_s: nominal.g_per_s * within(spread.g),
-                d_per_s: nominal.d_per_s * within(spread.d),
-            },
+            rates: nominal.times([spread.a, spread.b, spread.g, spread.d].map(&mut within)),
             gain: within(spread.gain),
         }
     }

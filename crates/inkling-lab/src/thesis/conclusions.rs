@@ -181,7 +181,7 @@ fn both_named(of: &Measured) -> String {
     let [ours, theirs] = ["default", "LR on r"].map(|name| {
         let category = of.mean(&figure(name, Size::ALL, "category"));
         let worst = of.confusions.get(name).and_then(worst_class).unwrap_or_default();
-        format!("category right {}{worst}", share(category))
+        format!("category right {category:.3}{worst}")
     });
     format!("; default: {ours}; residual matching: {theirs}")
 }
@@ -212,10 +212,10 @@ fn compared(
             return (Verdict::CannotTell, format!("{a} against {b}: not measured"));
         };
         let Difference { low, high } = difference;
-        let (ours, other) = (share(of.mean(a)), share(of.mean(b)));
-        let interval = format!("[{}, {}]", signed(low), signed(high));
+        let (ours, other) = (of.mean(a), of.mean(b));
         let [a, b] = [a, b].map(|key| in_words(key));
-        (says(difference), format!("{a} {ours}, {b} {other}, difference {interval}"))
+        let because = format!("{a} {ours:.3}, {b} {other:.3}, difference [{low:+.3}, {high:+.3}]");
+        (says(difference), because)
     };
     let each: Vec<(Verdict, String)> = pairs.iter().map(of_pair).collect();
     let all = Verdict::of_all(each.iter().map(|(verdict, _)| *verdict));
@@ -251,7 +251,7 @@ fn at_least(of: &Measured, bound: f64) -> (Verdict, String) {
             }
         }
     }
-    let because = format!("the least is {} ({})", share(least.0), in_words(&least.1));
+    let because = format!("the least is {:.3} ({})", least.0, in_words(&least.1));
     (Verdict::of_all(verdicts.into_iter()), because)
 }
 
@@ -264,16 +264,6 @@ fn in_words(key: &str) -> String {
         "certain" => format!("{method}, phi >= .8:"),
         figure => format!("{method}, {figure}:"),
     }
-}
-
-/// A share with three decimals.
-fn share(v: f64) -> String {
-    format!("{v:.3}")
-}
-
-/// A difference of shares with its sign and three decimals.
-fn signed(v: f64) -> String {
-    format!("{v:+.3}")
 }
 
 #[cfg(test)]

@@ -6,7 +6,7 @@
 //! which classes lie apart from the healthy one, by ranges that hold the middle 90 % of each class.
 
 use super::datasets::states;
-use super::key_numbers::KeyNumbers;
+use super::key_numbers::{KeyNumbers, range};
 use super::outcome::ThesisError;
 use super::practice;
 use crate::plot::{Axis, Figure, Mark, Series};
@@ -42,13 +42,8 @@ struct Class {
 impl Class {
     /// The range of the middle 90 % of the signals, in the quantity's unit; NaN without signals.
     fn range(&self, quantity: &Quantity) -> [f64; 2] {
-        let mut v: Vec<f64> = self.numbers.iter().map(quantity.of).collect();
-        v.sort_unstable_by(f64::total_cmp);
-        let cut = (BEYOND * v.len() as f64) as usize;
-        match v.len() {
-            0 => [f64::NAN; 2],
-            n => [v[cut], v[n - 1 - cut]],
-        }
+        let values = self.numbers.iter().map(quantity.of).collect();
+        range(values, BEYOND).unwrap_or([f64::NAN; 2])
     }
 
     /// The middle of that range.

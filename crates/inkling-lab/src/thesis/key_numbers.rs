@@ -6,6 +6,7 @@
 //! is the peak of the spectrum, the damping the ratio of the peak's magnitudes in the two halves of
 //! the signal, and the amplitude that of the first half.
 
+use nalgebra::Complex;
 use std::f64::consts::TAU;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -22,24 +23,22 @@ const STEPS: usize = 96;
 #[derive(Clone, Debug)]
 pub struct Spectrum {
     dt_s: f64,
-    /// Per frequency: cos and sin at every sample, N each.
-    waves: Vec<(Vec<f64>, Vec<f64>)>,
+    /// Per frequency: cos + i sin at every sample, N.
+    waves: Vec<Vec<Complex<f64>>>,
 }
 
 impl Spectrum {
     pub fn new(samples: usize, dt_s: f64) -> Spectrum {
         let wave = |k: usize| {
             let omega = TAU * (LOWEST_HZ + k as f64 * STEP_HZ) * dt_s;
-            let at = |f: fn(f64) -> f64| (0..samples).map(|n| f(omega * n as f64)).collect();
-            (at(f64::cos), at(f64::sin))
+            (0..samples).map(|n| Complex::cis(omega * n as f64)).collect()
         };
         Spectrum { dt_s, waves: (0..STEPS).map(wave).collect() }
     }
 
     /// The key numbers of a signal `y`, N, counts (2 samples or more).
     pub fn key_numbers(&self, y: &[f64]) -> KeyNumbers {
-        let power = |(cos, sin): &(Vec<f64>, Vec<f64>)| magnitude(y, cos, sin).powi(2);
-        let powers: Vec<f64> = self.waves.iter().map(power).collect();
+        let powers: Vec<f64> = self.waves.iter().map(|wave| magnitude(y, wave).powi(2)).collect();
         let last = |p: &usize, q: &usize| powers[*p].total_cmp(&powers[*q]);
         let top = (0..STEPS).rev().max_by(last).unwrap_or_default();
 
@@ -55,10 +54,9 @@ impl Spectrum {
         let frequency_hz = LOWEST_HZ + (top as f64 + shift) * STEP_HZ;
 
         // a ring with damping sigma loses the factor e^(-sigma span) from one half to the next
-        let (cos, sin) = &self.waves[top];
-        let half = y.len() / 2;
-        let first = magnitude(&y[..half], &cos[..half], &sin[..half]);
-        let second = magnitude(&y[half..], &cos[half..], &sin[half..]);
+        let (wave, half) = (&self.waves[top], y.len() / 2);
+        let first = magnitude(&y[..half], &wave[..half]);
+        let second = magnitude(&y[half..], &wave[half..]);
         let span = half as f64 * self.dt_s;
         let damping_per_s = (first / second.max(f64::MIN_POSITIVE)).ln() / span;
 
@@ -70,13 +68,16 @@ impl Spectrum {
     }
 }
 
-fn magnitude(y: &[f64], cos: &[f64], sin: &[f64]) -> f64 {
-    let (mut re, mut im) = (0.0, 0.0);
-    for ((y, c), s) in y.iter().zip(cos).zip(sin) {
-        re += y * c;
-        im += y * s;
-    }
-    re.hypot(im)
+fn magnitude(y: &[f64], wave: &[Complex<f64>]) -> f64 {
+    y.iter().zip(wave).map(|(y, wave)| wave * *y).sum::<Complex<f64>>().norm()
+}
+
+/// The range of values less a share `cut` of them at each end. `None`: there are none.
+pub fn range(mut values: Vec<f64>, cut: f64) -> Option<[f64; 2]> {
+    values.sort_unstable_by(f64::total_cmp);
+    let cut = (cut * values.len() as f64) as usize;
+    let last = values.len().checked_sub(1 + cut)?;
+    Some([*values.get(cut)?, values[last]])
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -91,13 +92,7 @@ impl KeyRange {
         numbers: impl Iterator<Item = &'a KeyNumbers> + Clone,
         cut: f64,
     ) -> Option<KeyRange> {
-        let range = |of: fn(&KeyNumbers) -> f64| {
-            let mut v: Vec<f64> = numbers.clone().map(of).collect();
-            v.sort_unstable_by(f64::total_cmp);
-            let cut = (cut * v.len() as f64) as usize;
-            let last = v.len().checked_sub(1 + cut)?;
-            Some([*v.get(cut)?, v[last]])
-        };
+        let range = |of: fn(&KeyNumbers) -> f64| range(numbers.clone().map(of).collect(), cut);
         Some(KeyRange {
             frequency_hz: range(|k| k.frequency_hz)?,
             damping_per_s: range(|k| k.damping_per_s)?,

@@ -77,14 +77,13 @@ fn conclusions(all: &[Conclusion], out: &mut String) {
 
 /// All tables of one data set, and the methods that failed on it.
 fn data_set(of: &Measured, out: &mut String) {
-    let count = |what: &str| whole(of.mean(what));
     *out += &format!(
-        "\n## {}\n\nLearned from {} healthy and {} faulty signals, tested on {} and {}; mu of (3-4) is {}.\n",
+        "\n## {}\n\nLearned from {:.0} healthy and {:.0} faulty signals, tested on {:.0} and {:.0}; mu of (3-4) is {}.\n",
         of.set.title(),
-        count("learned/healthy"),
-        count("learned/faulty"),
-        count("tested/healthy"),
-        count("tested/faulty"),
+        of.mean("learned/healthy"),
+        of.mean("learned/faulty"),
+        of.mean("tested/healthy"),
+        of.mean("tested/faulty"),
         of.mean("mu"),
     );
     detection(of, out);
@@ -122,9 +121,8 @@ fn beside_table(of: &Measured, [of_form, of_drying]: [&str; 2]) -> String {
 fn detection(of: &Measured, out: &mut String) {
     let table = beside_table(of, ["4-1", "4-2"]);
     let (faulty, healthy) = (of.mean("tested/faulty"), of.mean("tested/healthy"));
-    let (misses_of, alarms_of) = (whole(faulty), whole(healthy));
     *out += &format!(
-        "\n### Detection{table}\n\n| | misses of {misses_of} | false alarms of {alarms_of} | share right |\n|---|---|---|---|\n"
+        "\n### Detection{table}\n\n| | misses of {faulty:.0} | false alarms of {healthy:.0} | share right |\n|---|---|---|---|\n"
     );
     let practice = ("practice", "the current practice: thresholds on frequency and damping");
     let rows = ROWS.detections.iter().map(|Detection { name, words, .. }| (&**name, &**words));
@@ -149,7 +147,7 @@ fn isolation(of: &Measured, out: &mut String) {
          |---|---|---|---|---|---|\n"
     );
     for size in Size::EACH {
-        let learned = whole(of.mean(&format!("learned/{}", size.name)));
+        let learned = of.mean(&format!("learned/{}", size.name));
         for name in COMPARED.iter().map(|method| method.name).chain(["default"]) {
             let key = |what| figure(name, size, what);
             if of.values(&key("accuracy")).is_empty() {
@@ -164,7 +162,7 @@ fn isolation(of: &Measured, out: &mut String) {
                 }
             };
             *out += &format!(
-                "| {name}, {learned} | {} | {right_where} | {coverage} | {} | {} |\n",
+                "| {name}, {learned:.0} | {} | {right_where} | {coverage} | {} | {} |\n",
                 shares(of, &key("accuracy"), faulty),
                 shares(of, &key("category"), faulty),
                 shares(of, &key("gated accuracy"), faulty),
@@ -234,7 +232,7 @@ fn counts(of: &Measured, key: &str, signals: f64) -> String {
     let each: Vec<f64> = of.values(key).iter().map(|n| n / signals).collect();
     let theirs = published(of.set, key);
     number(of, key, 1)
-        + &beside_theirs(theirs, &each, signals, |p| whole(p.share * f64::from(p.of)))
+        + &beside_theirs(theirs, &each, signals, |p| format!("{:.0}", p.share * f64::from(p.of)))
 }
 
 /// The thesis's number in brackets, marked if it differs. `ours`: our share in each round; `signals`: of how
@@ -269,11 +267,6 @@ fn number(of: &Measured, key: &str, digits: usize) -> String {
         (Some(Spread { mean, .. }), 1) => format!("{mean:.digits$}"),
         (Some(Spread { mean, sd, .. }), _) => format!("{mean:.digits$} ± {sd:.digits$}"),
     }
-}
-
-/// A number without decimals.
-fn whole(n: f64) -> String {
-    format!("{n:.0}")
 }
 
 const REMARKS: &str = include_str!("remarks.md");

@@ -15,7 +15,7 @@ use crate::critique::objection::Objection;
 use crate::critique::space::Direction;
 use crate::critique::tuned::{LEAST_MODE, MENISCUS, OTHER_LOSS, SHOWS_ITS_LOSS, SPLIT, TIE};
 use crate::critique::unmodelled::Interior;
-use crate::critique::waves::swing;
+use crate::critique::waves::{swing, waves};
 use inkling_core::model::InkChannel;
 use inkling_core::numbers::LITTLE;
 use std::f64::consts::{PI, TAU};
@@ -55,7 +55,7 @@ impl ScoreTests<'_> {
             Some(near) => Scan { omega: near.shape, gamma: near.damping, own: 0.0 },
             None => self.scan(pattern, dampings),
         };
-        let Scan { mut omega, mut gamma, .. } = scan;
+        let Scan { mut omega, mut gamma, own } = scan;
         if omega == 0.0 {
             return None;
         }
@@ -75,10 +75,13 @@ impl ScoreTests<'_> {
         scored.value = self.hz(omega);
         scored.sd = self.hz(width(|x| test(x, gamma), omega, 0.02));
         scored.form.damping = gamma;
-        if near.is_none() {
-            let at = Scan { omega, gamma, ..scan };
-            scored.objection = self.objection(pattern, at, scored.statistic);
-        }
+        // the line that fits best may be too slow, or the ring's own, or what is one of these fits clearly better
+        let is_own = || self.is_own(pattern, omega, gamma) || own > scored.statistic + TIE;
+        scored.objection = match near {
+            None if is_slow(omega) => Some(Objection::SlowLine),
+            None if is_own() => Some(Objection::OwnLine),
+            _ => None,
+        };
         Some(scored)
     }
 
@@ -87,10 +90,9 @@ impl ScoreTests<'_> {
     }
 
     fn waves(&self, pattern: usize, omega: f64, gamma: f64) -> Vec<Direction> {
-        Direction::waves(pattern, self.samples, |k| {
-            let t = k as f64 / self.samples as f64;
-            ((-gamma * t).exp(), omega * t)
-        })
+        let n = self.samples as f64;
+        let both = waves(gamma / n, omega / n, self.samples);
+        both.map(|wave| Direction::shape(pattern, wave)).into()
     }
 
     fn line_statistic(&self, pattern: usize, omega: f64, gamma: f64) -> f64 {
@@ -126,23 +128,6 @@ impl ScoreTests<'_> {
         let mirror = PI * self.samples as f64 - own;
         let slow = pattern == 1 && omega < LEAST_MODE * own;
         near(own) || near(mirror) || multiple || slow || self.avoid.iter().any(|w| near(*w))
-    }
-
-    /// Why the line that fits best cannot be the cause: it is too slow, or the ring's own, or what is one of
-    /// these fits clearly better.
-    fn objection(
-        &self,
-        pattern: usize,
-        Scan { omega, gamma, own }: Scan,
-        statistic: f64,
-    ) -> Option<Objection> {
-        if is_slow(omega) {
-            Some(Objection::SlowLine)
-        } else if self.is_own(pattern, omega, gamma) || own > statistic + TIE {
-            Some(Objection::OwnLine)
-        } else {
-            None
-        }
     }
 
     /// Tests a meniscus: surface tension, B_t/B_m = m, makes a slow pair of the real pole and of the pole at

@@ -12,7 +12,9 @@ use super::{Applied, LEAST_PERIODS, ScoreTests, Scored};
 use crate::critique::catalogue::{CauseId, RIVALS};
 use crate::critique::chance::{maximum, width};
 use crate::critique::space::Direction;
-use crate::critique::unmodelled::lagging;
+use crate::critique::unmodelled::{ObservedDecay, lagging};
+use crate::critique::waves::waves;
+use nalgebra::Complex;
 use std::f64::consts::{PI, TAU};
 
 /// Strength at which the search for a bend begins, and the largest one.
@@ -20,13 +22,11 @@ const STRENGTHS: [f64; 2] = [0.01, 1.0];
 /// Distance of the frequencies that are tried.
 const STEP: f64 = 0.5 * PI;
 
-/// The mean ring at unit drive, counts: its damped pair, the pair's derivative by its phase, the real pole's
-/// part, and the pair's envelope.
+/// The mean ring at unit drive, counts: its damped pair as the real part of a turning number, whose size is the
+/// envelope, and the real pole's part.
 struct Ring {
-    pair: Vec<f64>,
-    quarter: Vec<f64>,
+    pair: Vec<Complex<f64>>,
     slow: Vec<f64>,
-    envelope: Vec<f64>,
 }
 
 /// Integral over time of a change that begins with slope 1 and settles `rate` times over in a signal length.
@@ -45,21 +45,12 @@ impl ScoreTests<'_> {
     }
 
     fn parts(&self) -> Ring {
-        let decay = &self.decay;
-        let n = self.samples as f64;
-        let of = |f: &dyn Fn(f64) -> f64| (0..self.samples).map(|k| f(k as f64 / n)).collect();
-        let fall = |t: f64| (-decay.sigma * t).exp();
-        let wave = |a: f64, b: f64| {
-            of(&|t| {
-                let (sin, cos) = (decay.omega * t).sin_cos();
-                fall(t) * (a * cos + b * sin)
-            })
-        };
+        let ObservedDecay { sigma, omega, lambda, a, b, c } = self.decay;
+        let time = |k: usize| k as f64 / self.samples as f64;
+        let turned = |t: f64| Complex::new(a, -b) * Complex::new(-sigma * t, omega * t).exp();
         Ring {
-            pair: wave(decay.a, decay.b),
-            quarter: wave(decay.b, -decay.a),
-            slow: of(&|t| decay.c * (-decay.lambda * t).exp()),
-            envelope: of(&|t| fall(t) * decay.a.hypot(decay.b)),
+            pair: (0..self.samples).map(|k| turned(time(k))).collect(),
+            slow: (0..self.samples).map(|k| c * (-lambda * time(k)).exp()).collect(),
         }
     }
 
@@ -96,13 +87,13 @@ impl ScoreTests<'_> {
         near: Option<&Applied>,
     ) -> Option<Scored> {
         let ring = self.parts();
-        let (n, whole) = (self.samples as f64, ring.envelope[0]);
-        let level = lagging(ring.envelope.iter().copied(), second * n);
+        let (n, whole) = (self.samples as f64, ring.pair[0].norm());
+        let level = lagging(ring.pair.iter().map(|pair| pair.norm()), second * n);
         // added at strength e and relative drive s, per unit of e
         let added = |e: f64, s: f64| -> Vec<f64> {
             let of = |k: usize| {
                 let t = k as f64 / n;
-                let (pair, y) = (s * ring.pair[k], s * (ring.pair[k] + ring.slow[k]));
+                let (pair, y) = (s * ring.pair[k].re, s * (ring.pair[k].re + ring.slow[k]));
                 let changed = match id {
                     // sigma becomes sigma (1 + e t), omega becomes omega (1 + e t) or settles
                     CauseId::LossFollowsTime => {
@@ -110,7 +101,7 @@ impl ScoreTests<'_> {
                     }
                     CauseId::FrequencyFollowsTime => {
                         let turned = e * self.decay.omega * settling(t, second);
-                        pair * (turned.cos() - 1.0) + s * ring.quarter[k] * turned.sin()
+                        pair * (turned.cos() - 1.0) - s * ring.pair[k].im * turned.sin()
                     }
                     // y becomes y + e y²/whole, and y + e y³/whole²
                     CauseId::EvenSensor => e * y * y / whole,
@@ -136,16 +127,18 @@ impl ScoreTests<'_> {
         let ring = self.parts();
         let n = self.samples as f64;
         let added = |k: usize| match id == CauseId::GainSways {
-            true => ring.pair[k] + ring.slow[k],
+            true => ring.pair[k].re + ring.slow[k],
             false => {
-                self.decay.omega * ring.quarter[k]
-                    - self.decay.sigma * ring.pair[k]
+                -self.decay.omega * ring.pair[k].im
+                    - self.decay.sigma * ring.pair[k].re
                     - self.decay.lambda * ring.slow[k]
             }
         };
         let y: Vec<f64> = (0..self.samples).map(added).collect();
-        let shapes =
-            |omega: f64| Direction::waves(1, self.samples, |k| (y[k], omega * k as f64 / n));
+        let shape = |wave: Vec<f64>| {
+            Direction::shape(1, y.iter().zip(wave).map(|(y, wave)| y * wave).collect())
+        };
+        let shapes = |omega: f64| waves(0.0, omega / n, self.samples).map(shape).into();
         // slower swaying is a damping or a frequency that changes with time
         let (low, high) = (LEAST_PERIODS * TAU, self.decay.omega.min(0.5 * PI * n));
         let grid = (0..).map(|k| low + STEP * f64::from(k)).take_while(|omega| *omega < high);

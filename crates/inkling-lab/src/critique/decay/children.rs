@@ -8,10 +8,9 @@
 //! (`Fit::follow`), and the better of both fits stays.
 
 use super::decays::Decays;
-use super::fit::Fit;
 use super::noise::{Noise, sizes};
 use super::objections::{lowest_line, objection};
-use super::plant::{OMEGA, SIGMA};
+use super::plant::{Fit, OMEGA, SIGMA};
 use super::spectrum;
 use super::terms::{Line, Term};
 use super::unnamed::second_numbers;

@@ -127,11 +127,6 @@ impl Decays {
         (self.y.len() as f64).ln()
     }
 
-    pub fn series(&self, burst: usize, output: usize) -> &[f64] {
-        let at = (burst * self.outputs + output) * self.samples;
-        &self.y[at..at + self.samples]
-    }
-
     /// The parts of `values` (ordered as `y`) that belong to one output, burst by burst.
     pub fn of_output<'a>(
         &self,

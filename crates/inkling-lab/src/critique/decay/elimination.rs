@@ -1,21 +1,17 @@
 //! The amplitudes of lines and the offsets of series, eliminated: they are linear, so the best ones are known
 //! for any numbers of the rest (variable projection: G. H. Golub and V. Pereyra, SIAM J. Numer. Anal. 10, 1973).
 //!
-//! In: a [`Plant`], its numbers and the noise. Out: the misfit beside the best amplitudes ([`reached`]), and
+//! In: a [`Fit`] and the noise. Out: the misfit beside the best amplitudes ([`reached`]), and
 //! the normal equations of the numbers ([`normal`]), whatever the number of decays few for each output.
 
 use super::decays::Decays;
 use super::noise::Noise;
-use super::plant::{Plant, Wave};
-use nalgebra::{DMatrix, DVector};
+use super::plant::Fit;
+use nalgebra::{Complex, DMatrix, DVector};
 use std::ops::AddAssign;
 
-pub fn columns_of(waves: &[Wave]) -> usize {
-    waves.iter().map(Wave::width).sum()
-}
-
 /// The columns of all waves as one output's noise sees them: q r, with q orthonormal. A column that others
-/// hold is 0 in q, and takes nothing.
+/// hold is 0 in q, and takes nothing: with an infinite diagonal in r its amplitude is 0.
 #[derive(Default)]
 pub struct Basis {
     q: DMatrix<f64>,
@@ -38,7 +34,7 @@ impl Basis {
             }
             let left = column.norm();
             let is_new = left > 1e-7 * size;
-            r[(j, j)] = if is_new { left } else { 0.0 };
+            r[(j, j)] = if is_new { left } else { f64::INFINITY };
             column.scale_mut(if is_new { 1.0 / left } else { 0.0 });
         }
         Basis { q, r }
@@ -53,25 +49,14 @@ impl Basis {
 
     /// Standard deviation of the first column's amplitude: |r^-T e_1|.
     pub fn sd_of_the_first(&self) -> f64 {
-        let mut solved: Vec<f64> = Vec::new();
-        for j in 0..self.r.ncols() {
-            let unit = if j == 0 { 1.0 } else { 0.0 };
-            let others: f64 = solved.iter().enumerate().map(|(i, x)| self.r[(i, j)] * x).sum();
-            let diagonal = self.r[(j, j)];
-            solved.push(if diagonal > 0.0 { (unit - others) / diagonal } else { 0.0 });
-        }
-        solved.iter().map(|x| x * x).sum::<f64>().sqrt()
+        let unit = DVector::from_fn(self.r.ncols(), |j, _| if j == 0 { 1.0 } else { 0.0 });
+        self.r.tr_solve_upper_triangular(&unit).map_or(0.0, |solved| solved.norm())
     }
 
     /// Amplitudes of the columns from coordinates in q.
     fn amplitudes(&self, taken: &DMatrix<f64>) -> Vec<f64> {
-        let k = self.r.ncols();
-        let mut amplitudes = vec![0.0; k];
-        for j in (0..k).rev().filter(|j| self.r[(*j, *j)] > 0.0) {
-            let others: f64 = (j + 1..k).map(|i| self.r[(j, i)] * amplitudes[i]).sum();
-            amplitudes[j] = (taken[j] - others) / self.r[(j, j)];
-        }
-        amplitudes
+        let solved = self.r.solve_upper_triangular(taken);
+        solved.map_or_else(|| vec![0.0; taken.len()], |solved| solved.as_slice().to_vec())
     }
 }
 
@@ -81,45 +66,32 @@ impl Basis {
 pub struct Reached {
     pub bases: Vec<Basis>,
     misfits: Vec<DMatrix<f64>>,
-    of_series: Vec<Vec<f64>>,
-}
-
-impl Reached {
-    pub fn amplitudes(&self) -> Vec<Vec<f64>> {
-        let columns = self.of_series.first().map_or(0, Vec::len);
-        (0..columns).map(|j| self.of_series.iter().map(|of| of[j]).collect()).collect()
-    }
+    pub free: Vec<Vec<f64>>,
 }
 
 /// Columns of the plant's samples as the noise of a series, or of its output, sees them.
-fn whitened(
-    mut columns: Vec<Vec<f64>>,
-    plant: &Plant,
-    noise: &Noise,
-    series: usize,
-) -> DMatrix<f64> {
+fn whitened(mut columns: Vec<Vec<f64>>, fit: &Fit, noise: &Noise, series: usize) -> DMatrix<f64> {
     columns.iter_mut().for_each(|column| noise.apply_to(series, column));
-    DMatrix::from_vec(plant.upto, columns.len(), columns.concat())
+    DMatrix::from_vec(fit.upto, columns.len(), columns.concat())
 }
 
 /// Sum of squares of the whitened misfit (infinite where the motion is lost).
-pub fn reached(plant: &Plant, p: &[f64], noise: &Noise) -> (f64, Reached) {
-    plant.decays.work.goes_on();
-    let waves = plant.waves(p);
-    let columns: Vec<Vec<f64>> = waves.iter().flat_map(|w| w.columns(plant.upto)).collect();
-    let outputs = plant.decays.outputs;
+pub fn reached(fit: &Fit, noise: &Noise) -> (f64, Reached) {
+    let Decays { work, outputs, .. } = fit.decays;
+    work.goes_on();
+    let columns = fit.columns();
     let bases: Vec<Basis> =
-        (0..outputs).map(|o| Basis::of(whitened(columns.clone(), plant, noise, o))).collect();
+        (0..*outputs).map(|o| Basis::of(whitened(columns.clone(), fit, noise, o))).collect();
     let mut all = Reached { bases, ..Reached::default() };
     let mut sum = 0.0;
-    for (i, moved) in plant.moved(p).into_iter().enumerate() {
-        let measured = plant.decays.series(i / outputs, i % outputs);
+    let measured = fit.decays.y.chunks(fit.decays.samples);
+    for (i, (moved, measured)) in fit.moved().into_iter().zip(measured).enumerate() {
         let misfit = measured.iter().zip(moved).map(|(y, x)| y - x).collect();
-        let mut misfit = whitened(vec![misfit], plant, noise, i);
+        let mut misfit = whitened(vec![misfit], fit, noise, i);
         let basis = &all.bases[i % outputs];
         let taken = basis.remove_from(&mut misfit);
         sum += misfit.norm_squared();
-        all.of_series.push(basis.amplitudes(&taken));
+        all.free.push(basis.amplitudes(&taken));
         all.misfits.push(misfit);
     }
     (if sum.is_finite() { sum } else { f64::INFINITY }, all)
@@ -128,85 +100,52 @@ pub fn reached(plant: &Plant, p: &[f64], noise: &Noise) -> (f64, Reached) {
 /// J^T J and J^T r of the numbers, summed series by series, with what the free amplitudes take removed (L.
 /// Kaufman, BIT 15, 1975). The derivatives of waves are those of few columns for all series of an output,
 /// weighted by each series' amplitudes.
-pub fn normal(
-    plant: &Plant,
-    p: &[f64],
-    noise: &Noise,
-    reached: &Reached,
-) -> (DMatrix<f64>, DVector<f64>) {
-    let numbers = p.len();
+pub fn normal(fit: &Fit, noise: &Noise, reached: &Reached) -> (DMatrix<f64>, DVector<f64>) {
+    let numbers = fit.p.len();
     let (mut gram, mut product) = (DMatrix::zeros(numbers, numbers), DVector::zeros(numbers));
-    let waves = plant.waves(p);
-    let Decays { bursts, outputs, .. } = *plant.decays;
-    let turns: Vec<DMatrix<f64>> = (0..outputs)
-        .map(|output| {
-            let times = |w: &Wave| waves_in_time(w, plant.upto);
-            let mut turns = whitened(waves.iter().flat_map(times).collect(), plant, noise, output);
-            reached.bases[output].remove_from(&mut turns);
-            turns
-        })
-        .collect();
-    let grams: Vec<DMatrix<f64>> = turns.iter().map(|z| z.tr_mul(z)).collect();
+    let Decays { bursts, outputs, .. } = *fit.decays;
+    // time times the damped cosines and sines of all waves
+    let mut in_time = fit.columns().split_off(fit.offset());
+    for column in &mut in_time {
+        column.iter_mut().enumerate().for_each(|(k, x)| *x *= k as f64);
+    }
+    let turns = |output: usize| {
+        let mut turns = whitened(in_time.clone(), fit, noise, output);
+        reached.bases[output].remove_from(&mut turns);
+        turns
+    };
+    let turns: Vec<DMatrix<f64>> = (0..outputs).map(turns).collect();
     for burst in 0..bursts {
-        plant.decays.work.goes_on();
-        for (output, slopes) in plant.slopes(p, burst).into_iter().enumerate() {
+        fit.decays.work.goes_on();
+        for (output, slopes) in fit.slopes(burst).into_iter().enumerate() {
             let series = burst * outputs + output;
-            let misfit = &reached.misfits[series];
             let (at, columns): (Vec<usize>, Vec<Vec<f64>>) = slopes.into_iter().unzip();
-            let mut moved = whitened(columns, plant, noise, output);
+            let mut moved = whitened(columns, fit, noise, output);
             reached.bases[output].remove_from(&mut moved);
-            let (own, own_misfit) = (moved.tr_mul(&moved), moved.tr_mul(misfit));
-            let by = by_numbers(&waves, &reached.of_series[series], numbers);
-            let crossed = moved.tr_mul(&turns[output]) * &by;
-            for (i, row) in at.iter().enumerate() {
-                product[*row] += own_misfit[i];
-                at.iter().enumerate().for_each(|(j, column)| gram[(*row, *column)] += own[(i, j)]);
-                for number in 0..numbers {
-                    gram[(*row, number)] += crossed[(i, number)];
-                    gram[(number, *row)] += crossed[(i, number)];
-                }
-            }
-            gram += by.tr_mul(&(&grams[output] * &by));
-            product += by.tr_mul(&turns[output].tr_mul(misfit)).column(0);
+            let all: Vec<_> = moved.column_iter().chain(turns[output].column_iter()).collect();
+            let all = DMatrix::from_columns(&all);
+            let by = by_numbers(&at, fit, &reached.free[series][fit.offset()..]);
+            gram += by.tr_mul(&(all.tr_mul(&all) * &by));
+            product += by.tr_mul(&all.tr_mul(&reached.misfits[series])).column(0);
         }
     }
     (gram, product)
 }
 
-/// Time times the damped cosine and sine of a wave that numbers move.
-fn waves_in_time(wave: &Wave, samples: usize) -> Vec<Vec<f64>> {
-    if wave.by.is_empty() {
-        return Vec::new();
-    }
-    let mut columns = wave.columns(samples);
-    let in_time = |column: &mut Vec<f64>| {
-        column.iter_mut().enumerate().for_each(|(k, x)| *x *= k as f64);
-    };
-    columns.iter_mut().for_each(in_time);
-    columns
-}
-
-/// How much of each column of `waves_in_time` is in the derivative by each number. `free`: the amplitudes of
-/// a series.
-fn by_numbers(waves: &[Wave], free: &[f64], numbers: usize) -> DMatrix<f64> {
-    let moving = waves.iter().filter(|w| !w.by.is_empty());
-    let mut by = DMatrix::zeros(moving.map(Wave::width).sum(), numbers);
-    let (mut at, mut row) = (0, 0);
-    for wave in waves {
-        let columns = wave.width();
-        let a = free[at];
-        let b = if columns == 2 { free[at + 1] } else { 0.0 };
-        at += columns;
-        if wave.by.is_empty() {
-            continue;
-        }
+/// How much of each column is in the derivative by each number: first come the columns of the motion, each the
+/// derivative by the number `at` its place, then those of waves in time. `free`: the waves' amplitudes in a
+/// series. A wave is the real part of (a - i b) e^{-(sigma - i omega) t}.
+fn by_numbers(at: &[usize], fit: &Fit, free: &[f64]) -> DMatrix<f64> {
+    let mut by = DMatrix::zeros(at.len() + free.len(), fit.p.len());
+    at.iter().enumerate().for_each(|(row, number)| by[(row, *number)] = 1.0);
+    for (place, wave) in fit.waves().iter().enumerate() {
+        let row = at.len() + 2 * place;
+        let amplitude = Complex::new(free[2 * place], -free[2 * place + 1]);
         for (number, [falls, turns]) in &wave.by {
-            by[(row, *number)] += b * turns - a * falls;
-            if columns == 2 {
-                by[(row + 1, *number)] += -a * turns - b * falls;
-            }
+            let moved = amplitude * Complex::new(-falls, *turns);
+            by[(row, *number)] += moved.re;
+            by[(row + 1, *number)] -= moved.im;
         }
-        row += columns;
     }
     by
 }

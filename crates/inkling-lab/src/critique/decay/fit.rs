@@ -9,10 +9,10 @@
 //! decay does not find a phase again that is off by half a swing.
 
 use super::decays::Decays;
-use super::elimination::{Basis, Reached, columns_of, normal, reached};
+use super::elimination::{Basis, Reached, normal, reached};
 use super::motion::Motion;
 use super::noise::{Colour, Noise, sizes};
-use super::plant::{OMEGA, Plant, motion, path, placed, plain_numbers, start_of, waves_of};
+use super::plant::{Fit, OMEGA, columns_of, plain_numbers, start_of};
 use super::terms::Term;
 use inkling_core::model::descent::{Damping, descend};
 use nalgebra::{DMatrix, DVector};
@@ -26,45 +26,31 @@ const FEW_STEPS: usize = 8;
 /// A harmonic may lie above half the sampling rate, where it is seen at its mirror image.
 const MOST_TURN: f64 = 8.0 * PI;
 
-#[derive(Clone, Debug)]
-pub struct Fit<'a> {
-    pub decays: &'a Decays,
-    pub terms: Vec<Term>,
-    /// Numbers (parameters), in the order of `plant.rs`.
-    pub p: Vec<f64>,
-    /// Amplitudes of all columns of waves, in the terms' order, one for each series.
-    pub free: Vec<Vec<f64>>,
-    pub cost: f64,
-}
-
 impl<'a> Fit<'a> {
     /// No motion, and an offset of each series.
     pub fn zero(decays: &'a Decays) -> Fit<'a> {
         let p = vec![0.0; plain_numbers(decays)];
-        let still = Fit { decays, terms: Vec::new(), p, free: Vec::new(), cost: f64::INFINITY };
-        still.with(Term::Offset)
-    }
-
-    pub fn placed(&self) -> impl Iterator<Item = (Term, usize)> {
-        placed(self.decays, &self.terms)
+        let free = vec![Vec::new(); decays.bursts * decays.outputs];
+        let (terms, cost, upto) = (Vec::new(), f64::INFINITY, decays.samples);
+        Fit { decays, terms, p, free, cost, upto }.with(Term::Offset)
     }
 
     pub fn lines(&self) -> usize {
         self.terms.iter().filter(|term| term.is_line()).count()
     }
 
-    /// Which rows of `free` belong to each term.
-    pub fn rows(&self) -> impl Iterator<Item = Range<usize>> {
+    /// Which amplitudes of a series belong to each term.
+    fn columns_of_terms(&self) -> impl Iterator<Item = Range<usize>> {
         self.placed().scan(0, |next, (term, at)| {
             let first = *next;
-            *next += columns_of(&waves_of(term, at, &self.p));
+            *next += columns_of(term, at, &self.p);
             Some(first..*next)
         })
     }
 
     /// How many numbers are fitted, amplitudes among them.
     pub fn parameters(&self) -> usize {
-        self.p.len() + self.free.len() * self.decays.bursts * self.decays.outputs
+        self.p.len() + self.free.iter().map(Vec::len).sum::<usize>()
     }
 
     pub fn degrees_of_freedom(&self) -> f64 {
@@ -76,11 +62,19 @@ impl<'a> Fit<'a> {
     }
 
     pub fn noise(&self) -> Noise {
+        self.noise_within(std::slice::from_ref(&(0..self.decays.samples)))
+    }
+
+    /// What it leaves in these ranges of all series, as noise that counts everywhere.
+    pub fn noise_within(&self, ranges: &[Range<usize>]) -> Noise {
         let Decays { outputs, .. } = *self.decays;
         let (misfit, share) = (self.misfit(), self.parameters() as f64 / outputs as f64);
-        let series = |output| self.decays.of_output(&misfit, output).collect::<Vec<&[f64]>>();
-        let colours = (0..outputs).map(|output| Colour::of(&series(output), share)).collect();
-        Noise { colours, held_out: Vec::new() }
+        let colour = |output| {
+            let series = self.decays.of_output(&misfit, output);
+            let parts = series.flat_map(|y| ranges.iter().map(move |range| &y[range.clone()]));
+            Colour::of(&parts.collect::<Vec<&[f64]>>(), share)
+        };
+        Noise { colours: (0..outputs).map(colour).collect(), held_out: Vec::new() }
     }
 
     /// With one more term, whose numbers are 0; not fitted anew.
@@ -89,21 +83,24 @@ impl<'a> Fit<'a> {
         fit.terms.push(term);
         let at = self.p.len();
         fit.p.resize(at + term.numbers(), 0.0);
-        let columns = columns_of(&waves_of(term, at, &fit.p));
-        let still = vec![0.0; self.decays.bursts * self.decays.outputs];
-        fit.free.extend(std::iter::repeat_n(still, columns));
+        let columns = columns_of(term, at, &fit.p);
+        fit.free.iter_mut().for_each(|of| of.resize(of.len() + columns, 0.0));
         fit
     }
 
     /// Without those of its terms for whose index `goes` is true; not fitted anew.
     pub fn without(&self, goes: impl Fn(usize) -> bool) -> Fit<'a> {
         let p = self.p[..plain_numbers(self.decays)].to_vec();
-        let mut left = Fit { terms: Vec::new(), p, free: Vec::new(), ..self.clone() };
-        let stays = self.placed().zip(self.rows()).enumerate().filter(|(i, _)| !goes(*i));
+        let mut left = Fit { terms: Vec::new(), p, ..self.clone() };
+        left.free.iter_mut().for_each(Vec::clear);
+        let stays =
+            self.placed().zip(self.columns_of_terms()).enumerate().filter(|(i, _)| !goes(*i));
         for (_, ((term, at), rows)) in stays {
             left.terms.push(term);
             left.p.extend_from_slice(&self.p[at..at + term.numbers()]);
-            left.free.extend_from_slice(&self.free[rows]);
+            for (of, all) in left.free.iter_mut().zip(&self.free) {
+                of.extend_from_slice(&all[rows.clone()]);
+            }
         }
         Fit { cost: f64::INFINITY, ..left }
     }
@@ -111,23 +108,20 @@ impl<'a> Fit<'a> {
     /// The same model of the same decays from a later sample on, not fitted anew.
     pub fn later<'b>(&self, shorter: &'b Decays, skipped: usize) -> Fit<'b> {
         let Fit { terms, mut p, free, cost, .. } = self.clone();
-        let (motion, mut path_of) = (self.motion(), Vec::new());
         for burst in 0..shorter.bursts {
-            path(&motion, &self.p, burst, skipped + 1, &mut path_of);
-            p[start_of(burst)..][..2].copy_from_slice(&path_of[skipped]);
+            let now = self.path(burst, skipped + 1)[skipped];
+            p[start_of(burst)..][..2].copy_from_slice(&now);
         }
-        Fit { decays: shorter, terms, p, free, cost }
+        Fit { decays: shorter, terms, p, free, cost, upto: shorter.samples }
     }
 
     /// Turns the start of every burst back by so many samples: backwards, all that damps drives.
     pub fn turn_back(&mut self, by: usize) {
         let Motion { sigma, drag, stick, .. } = self.motion();
         let back = Motion { sigma: -sigma, drag: -drag, stick: -stick, ..self.motion() };
-        let mut path_of = Vec::new();
         for burst in 0..self.decays.bursts {
             let start = &mut self.p[start_of(burst)..][..2];
-            back.run([start[0], -start[1]], by + 1, &mut path_of);
-            let [x, u] = path_of[by];
+            let [x, u] = back.run([start[0], -start[1]], by + 1)[by];
             start.copy_from_slice(&[x, -u]);
         }
     }
@@ -135,32 +129,24 @@ impl<'a> Fit<'a> {
     /// What the sensor shows at rest, for each output, counts: the mean over the decays.
     pub fn offsets(&self) -> Vec<f64> {
         let Decays { bursts, outputs, scale, .. } = self.decays;
-        let mean = |o: usize| self.free[0].iter().skip(o).step_by(*outputs).sum::<f64>();
+        let mean =
+            |o: usize| self.free.iter().skip(o).step_by(*outputs).map(|of| of[0]).sum::<f64>();
         (0..*outputs).map(|o| mean(o) * scale[o] / *bursts as f64).collect()
     }
 
     /// Standard deviation of one decay's offset, for each output, beside all other free amplitudes.
     pub fn sd_of_offset(&self, noise: &Noise) -> Vec<f64> {
-        let plant = Plant::new(self.decays, &self.terms, self.decays.samples);
-        let (_, reached) = reached(&plant, &self.p, noise);
-        reached.bases.iter().map(Basis::sd_of_the_first).collect()
-    }
-
-    pub fn motion(&self) -> Motion {
-        motion(self.decays, &self.terms, &self.p)
+        reached(self, noise).1.bases.iter().map(Basis::sd_of_the_first).collect()
     }
 
     /// Measured minus simulated, for all samples, ordered as `decays.y` and in its scale.
     pub fn misfit(&self) -> Vec<f64> {
-        let plant = Plant::new(self.decays, &self.terms, self.decays.samples);
-        let waves = plant.waves(&self.p);
-        let columns: Vec<Vec<f64>> = waves.iter().flat_map(|w| w.columns(plant.upto)).collect();
+        let columns = self.columns();
         let mut misfit = self.decays.y.clone();
-        let moved = plant.moved(&self.p);
-        for (i, (series, moved)) in misfit.chunks_mut(plant.upto).zip(moved).enumerate() {
+        for (i, (series, moved)) in misfit.chunks_mut(self.upto).zip(self.moved()).enumerate() {
             series.iter_mut().zip(moved).for_each(|(y, x)| *y -= x);
-            for (column, amplitudes) in columns.iter().zip(&self.free) {
-                series.iter_mut().zip(column).for_each(|(y, c)| *y -= amplitudes[i] * c);
+            for (column, amplitude) in columns.iter().zip(&self.free[i]) {
+                series.iter_mut().zip(column).for_each(|(y, c)| *y -= amplitude * c);
             }
         }
         misfit
@@ -169,9 +155,7 @@ impl<'a> Fit<'a> {
     /// Covariance of the numbers: the inverse of J^T J with whitened derivatives J, of which what the free
     /// amplitudes can take is removed. A number that nothing depends on is held: its rows and columns are 0.
     pub fn covariance(&self, noise: &Noise) -> DMatrix<f64> {
-        let plant = Plant::new(self.decays, &self.terms, self.decays.samples);
-        let (_, reached) = reached(&plant, &self.p, noise);
-        let gram = normal(&plant, &self.p, noise, &reached).0;
+        let gram = normal(self, noise, &reached(self, noise).1).0;
         // inverted with a unit diagonal; a division by an infinite scale gives the 0 of what is held
         let n = gram.nrows();
         let scale = gram.diagonal().map(|d| if d > 0.0 { d.sqrt() } else { f64::INFINITY });
@@ -184,9 +168,8 @@ impl<'a> Fit<'a> {
 
     /// With the amplitudes that fit best beside the numbers that it has.
     pub fn solved(&self, noise: &Noise) -> Fit<'a> {
-        let plant = Plant::new(self.decays, &self.terms, self.decays.samples);
-        let (cost, reached) = reached(&plant, &self.p, noise);
-        Fit { cost, free: reached.amplitudes(), ..self.clone() }
+        let (cost, Reached { free, .. }) = reached(self, noise);
+        Fit { cost, free, ..self.clone() }
     }
 
     pub fn descend(&self, noise: &Noise) -> Fit<'a> {
@@ -199,36 +182,35 @@ impl<'a> Fit<'a> {
 
     /// Descends by so many steps at most (Levenberg and Marquardt), on the first `upto` samples.
     fn steps(&self, noise: &Noise, upto: usize, most_steps: usize) -> Fit<'a> {
-        let plant = Plant::new(self.decays, &self.terms, upto);
         // the ring's frequency must stay between the slowest ring and half the sampling rate, and lines
         // between zero and that; what is slower than one swing in the whole record is a drift
         let lowest = (TAU / self.decays.samples as f64).min(self.p[OMEGA]);
-        let is_possible = |p: &[f64]| {
+        let is_possible = |fit: &Fit| {
             let grows = -2.0 / upto as f64;
-            let mut waves = plant.waves(p).into_iter();
-            p[OMEGA] >= lowest
-                && p[OMEGA] < PI
-                && waves
-                    .all(|w| w.sigma > grows && w.omega.is_none_or(|omega| omega.abs() < MOST_TURN))
+            let mut waves = fit.waves().into_iter();
+            fit.p[OMEGA] >= lowest
+                && fit.p[OMEGA] < PI
+                && waves.all(|w| w.sigma > grows && w.omega.abs() < MOST_TURN)
         };
-        let cost = |p: &Vec<f64>| match is_possible(p) {
-            true => reached(&plant, p, noise),
+        let cost = |fit: &Fit<'a>| match is_possible(fit) {
+            true => reached(fit, noise),
             false => (f64::INFINITY, Reached::default()),
         };
-        let slope = |p: &Vec<f64>, reached: Reached| {
+        let slope = |fit: &Fit<'a>, reached: Reached| {
             if reached.bases.is_empty() {
                 return None; // an impossible start
             }
-            let (gram, product) = normal(&plant, p, noise, &reached);
+            let (gram, product) = normal(fit, noise, &reached);
             let finite = gram.iter().chain(product.iter()).all(|x| x.is_finite());
             finite.then_some((gram, product))
         };
-        let step = |p: &Vec<f64>, (gram, product): &(DMatrix<f64>, DVector<f64>), damping: f64| {
+        let step = |fit: &Fit<'a>, (gram, product): &(DMatrix<f64>, DVector<f64>), damping: f64| {
             let mut damped = gram.clone();
             let least = 1e-14 * gram.diagonal().max();
-            (0..p.len()).for_each(|i| damped[(i, i)] += damping * gram[(i, i)] + least);
+            (0..fit.p.len()).for_each(|i| damped[(i, i)] += damping * gram[(i, i)] + least);
             let step = damped.cholesky()?.solve(product);
-            Some(p.iter().zip(step.iter()).map(|(p, s)| p + s).collect())
+            let p = fit.p.iter().zip(step.iter()).map(|(p, s)| p + s).collect();
+            Some(Fit { p, ..fit.clone() })
         };
         let (mut taken, mut calm) = (0, 0);
         let rests = |gained: f64, left: f64| {
@@ -236,9 +218,10 @@ impl<'a> Fit<'a> {
             calm = if gained < 1e-6 * left { calm + 1 } else { 0 };
             calm >= 2 || taken >= most_steps
         };
-        let (p, cost) = descend(self.p.clone(), DAMPING, usize::MAX, cost, slope, step, rests);
-        let free = reached(&plant, &p, noise).1.amplitudes();
-        Fit { p, cost, free, ..self.clone() }
+        let start = Fit { upto: upto.min(self.decays.samples), ..self.clone() };
+        let (fit, cost) = descend(start, DAMPING, usize::MAX, cost, slope, step, rests);
+        let free = reached(&fit, noise).1.free;
+        Fit { cost, free, upto: self.upto, ..fit }
     }
 
     /// Fits a first stretch of so many samples, then ever longer ones (each by a half), then the whole.

@@ -8,9 +8,8 @@
 //! not measured: a single oscillator has no fault classes.
 
 use super::decays::Decays;
-use super::fit::Fit;
 use super::noise::{Colour, sizes};
-use super::plant::{OMEGA, SIGMA};
+use super::plant::{Fit, OMEGA, SIGMA};
 use super::selection::Selected;
 use super::stretches::Stretches;
 use super::{spectrum, worth};
@@ -21,6 +20,7 @@ use crate::critique::finding::{
 };
 use crate::critique::gain::Squares;
 use crate::critique::whiteness::{Lags, whiteness_p};
+use inkling_core::model::inner_product::dot;
 use inkling_core::model::median::median;
 use nalgebra::{Complex, DMatrix};
 use std::f64::consts::TAU;
@@ -88,10 +88,10 @@ fn squares(decays: &Decays, misfit: &[f64], sds: &[f64], ranges: &[Range<usize>]
 
 /// Figures of a misfit on the held-out stretches. `sds`: as of `squares`.
 fn figures(decays: &Decays, misfit: &[f64], sds: &[f64]) -> GainFigures {
-    let stretches = Stretches::of(decays).ranges(true);
-    let each = squares(decays, misfit, sds, &stretches);
+    let held_out = Stretches::of(decays).held_out;
+    let each = squares(decays, misfit, sds, &held_out);
     let alone: Vec<Vec<usize>> = (0..each.len()).map(|i| vec![i]).collect();
-    Squares::figures(&each, &alone, whiteness(misfit, decays, &stretches))
+    Squares::figures(&each, &alone, whiteness(misfit, decays, &held_out))
 }
 
 /// `Misfit`: of the baseline on all samples, in the noise that the final model leaves there.
@@ -113,13 +113,13 @@ pub fn measure(selected: &Selected) -> (Misfit, Gain) {
     // each output's noise is what the extended model leaves where it was fitted
     let kept: Vec<f64> = (0..decays.outputs)
         .map(|output| {
-            let samples = decays.of_output(&extended, output).flat_map(|r| r.iter().enumerate());
-            let of = samples.filter(|(k, _)| !noise.held_out[*k]).map(|(_, r)| r * r);
-            let (sum, count) = of.fold((0.0, 0.0), |(s, c), v| (s + v, c + 1.0));
-            (sum / f64::max(count, 1.0)).sqrt().max(1e-12)
+            let series = decays.of_output(&extended, output);
+            let fitted = series.flat_map(|y| stretches.fitted.iter().map(move |of| &y[of.clone()]));
+            let left: Vec<f64> = fitted.flatten().copied().collect();
+            (dot(&left, &left) / left.len().max(1) as f64).sqrt().max(1e-12)
         })
         .collect();
-    let held = noise.held_out.iter().filter(|h| **h).count();
+    let held: usize = stretches.held_out.iter().map(Range::len).sum();
     let gain = Gain {
         before: figures(decays, &plain, &kept),
         after: figures(decays, &extended, &kept),
@@ -139,15 +139,6 @@ pub fn measure(selected: &Selected) -> (Misfit, Gain) {
     (misfit, gain)
 }
 
-fn mean_of(misfit: &[f64], decays: &Decays, output: usize) -> Vec<f64> {
-    let mut mean = vec![0.0; decays.samples];
-    let weight = decays.scale[output] / decays.bursts as f64;
-    for r in decays.of_output(misfit, output) {
-        mean.iter_mut().zip(r).for_each(|(m, r)| *m += weight * r);
-    }
-    mean
-}
-
 /// The mean misfit and its spectrum are of the output whose misfit the extension reduces most.
 pub fn draw(selected: &Selected) -> Figures {
     let decays = selected.fit.decays;
@@ -162,8 +153,10 @@ pub fn draw(selected: &Selected) -> Figures {
     // mean misfit over the bursts, with the band that the final model's noise gives it
     let sd = small[output] * decays.scale[output];
     let half = 1.96 * sd / (decays.bursts as f64).sqrt();
+    let weight = decays.scale[output] / decays.bursts as f64;
     let mean = |misfit: &[f64]| {
-        let mean = mean_of(misfit, decays, output);
+        let each: Vec<&[f64]> = decays.of_output(misfit, output).collect();
+        let mean = (0..n).map(|k| weight * each.iter().map(|r| r[k]).sum::<f64>()).collect();
         Curve::about(mean, std::iter::repeat_n(half, n))
     };
     let mean_misfit = Compared {

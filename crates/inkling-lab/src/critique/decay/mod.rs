@@ -29,7 +29,7 @@ mod unnamed;
 mod words;
 mod worth;
 
-use super::catalogue::{CATALOGUE, InDecays};
+use super::catalogue::InDecays;
 use super::chance::{THRESHOLD, surprise};
 use super::digits;
 use super::extended::NotExtended;
@@ -42,8 +42,8 @@ use super::words::{not_worth, ties};
 use super::work;
 use children::misfit_power;
 use decays::Decays;
-use fit::Fit;
 use noise::{ROUNDED, sizes};
+use plant::Fit;
 use selection::Selected;
 use std::f64::consts::TAU;
 
@@ -188,7 +188,10 @@ pub fn critique(data: &Observations) -> Result<Outcome, CritiqueError> {
         sentence: verdict.sentence(&causes, &left, gain.detection()),
         equation: words::equation(&selected),
         causes,
-        not_testable: not_testable(),
+        not_testable: NotTestable::all(|e| match e.in_decays {
+            InDecays::Fitted(_) => None,
+            InDecays::Needs(needs) => Some(needs),
+        }),
         misfit,
         gain,
         extended_model: None,
@@ -239,12 +242,4 @@ fn nearest(selected: &Selected) -> Option<Cause> {
         sentence: format!("nearest is {}, but {}", t.id, t.why_not()),
         ..t.cause(t.statistic)
     })
-}
-
-fn not_testable() -> Vec<NotTestable> {
-    let needs = CATALOGUE.iter().filter_map(|e| match e.in_decays {
-        InDecays::Fitted(_) => None,
-        InDecays::Needs(needs) => Some(NotTestable { id: e.id, needs: needs.into() }),
-    });
-    needs.collect()
 }

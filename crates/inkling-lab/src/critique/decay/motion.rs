@@ -104,14 +104,14 @@ impl Motion {
         [self.turn(0.5 * h), self.turn(h)]
     }
 
-    /// Writes x and x'/omega as the sensor shows them to `out`. `start`: both at sample 0. A motion
-    /// that gets lost (`LOST`) is NaN from the next sample on, so that its cost is infinite.
-    pub fn run(&self, start: [f64; 2], samples: usize, out: &mut Vec<[f64; 2]>) {
-        out.clear();
-        self.moved(start, samples, out);
+    /// x and x'/omega as the sensor shows them. `start`: both at sample 0. A motion that gets lost
+    /// (`LOST`) is NaN from the next sample on, so that its cost is infinite.
+    pub fn run(&self, start: [f64; 2], samples: usize) -> Vec<[f64; 2]> {
+        let mut path = self.moved(start, samples);
         if self.unnamed.has(&SENSORS) {
-            self.unnamed.through_sensor(out);
+            self.unnamed.through_sensor(&mut path);
         }
+        path
     }
 
     /// The equation between sample `samples` and the next one, with rates in the middle.
@@ -123,7 +123,8 @@ impl Motion {
 
     /// The motion itself, before a sensor bends it: a linear one by its propagator from sample to
     /// sample, any other in steps of at most `RADIANS`.
-    fn moved(&self, start: [f64; 2], samples: usize, out: &mut Vec<[f64; 2]>) {
+    fn moved(&self, start: [f64; 2], samples: usize) -> Vec<[f64; 2]> {
+        let mut out = Vec::with_capacity(samples);
         let mut y = Vector2::new(start[0], start[1] * self.omega);
         let changes = self.unnamed.has(&RATES);
         if self.is_linear() {
@@ -135,7 +136,7 @@ impl Motion {
                 }
                 y = turn * y;
             }
-            return;
+            return out;
         }
 
         // from rest, the spring decides the direction of the friction
@@ -164,9 +165,10 @@ impl Motion {
             }
             if y[0].is_nan() || y[0].abs() >= LOST {
                 out.resize(samples, [f64::NAN; 2]);
-                return;
+                break;
             }
         }
+        out
     }
 
     /// A step of length `h` from `y` in which x' passes zero under friction. Returns the state at
@@ -238,9 +240,7 @@ mod tests {
     }
 
     fn run(motion: Motion, n: usize) -> Vec<[f64; 2]> {
-        let mut out = Vec::new();
-        motion.run([1.0, 0.0], n, &mut out);
-        out
+        motion.run([1.0, 0.0], n)
     }
 
     #[test]

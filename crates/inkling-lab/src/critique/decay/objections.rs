@@ -4,8 +4,7 @@
 //! the cause although it fits. What else could explain as much is no objection: it competes (`selection`).
 
 use super::decays::Decays;
-use super::fit::Fit;
-use super::plant::{OMEGA, SIGMA, Wave, path, waves_of};
+use super::plant::{Fit, OMEGA, SIGMA, Wave, waves_of};
 use super::terms::{Line, Term};
 use crate::critique::candidates::LEAST_PERIODS;
 use crate::critique::objection::Objection;
@@ -45,7 +44,7 @@ pub fn objection(fit: &Fit, index: usize, covariance: &DMatrix<f64>) -> Option<O
 /// and where it is within its own and the ring's width of the ring, it cannot be told from a ring that changes.
 fn no_line(fit: &Fit, wave: &Wave) -> Option<Objection> {
     let resolution = TAU / fit.decays.samples as f64;
-    let omega = wave.omega.unwrap_or(0.0);
+    let omega = wave.omega;
     let swings =
         omega > lowest_line(fit.decays) && omega < PI - resolution && wave.sigma * 0.5 < omega;
     let own = fit.p[OMEGA];
@@ -61,13 +60,10 @@ fn no_line(fit: &Fit, wave: &Wave) -> Option<Objection> {
 /// Largest and smallest amplitude of the ring in these decays, in the scale of the first output. The smallest
 /// is not below the root mean square of that output's misfit.
 pub fn amplitudes(fit: &Fit) -> (f64, f64) {
-    let motion = fit.motion();
     let (mut largest, mut smallest) = (0.0_f64, f64::INFINITY);
-    let mut path_of = Vec::new();
     for burst in 0..fit.decays.bursts {
-        path(&motion, &fit.p, burst, fit.decays.samples, &mut path_of);
-        for [x, u] in &path_of {
-            let size = x.hypot(*u);
+        for [x, u] in fit.path(burst, fit.decays.samples) {
+            let size = x.hypot(u);
             largest = largest.max(size);
             smallest = smallest.min(size);
         }

@@ -8,9 +8,9 @@
 
 use super::children::{baseline, child};
 use super::decays::Decays;
-use super::fit::Fit;
 use super::motion::Form;
 use super::noise::Noise;
+use super::plant::Fit;
 use super::selection::gain_in_bic;
 use super::structure::foreseen;
 use super::terms::{Line, Term};
@@ -59,13 +59,12 @@ fn left(fit: &Fit) -> f64 {
 /// The model of the decays from `last` on, fitted from ever earlier samples on.
 fn backwards(decays: &Decays, late: &Fit, last: usize) -> Vec<Tried> {
     let mut tried: Vec<Tried> = judged(decays, late, last).into_iter().collect();
-    let (terms, mut p) = (&late.terms[1..], late.p.clone());
+    let mut p = late.p.clone();
     let mut at = last;
     while at > 0 {
         let next = at.saturating_sub((last / STEPS).max(1));
         let longer = decays.from(next);
-        let mut fit = terms.iter().fold(Fit::zero(&longer), |fit, term| fit.with(*term));
-        fit.p = p;
+        let mut fit = Fit { decays: &longer, p, upto: longer.samples, ..late.clone() };
         fit.turn_back(at - next);
         let one = Noise::white(&vec![1.0; decays.outputs]);
         let fit = fit.descend(&Noise::white(&fit.solved(&one).sizes()));

@@ -1,13 +1,12 @@
 //! The model of long decays: one oscillator, the terms that are added to it, and lines and offsets.
 //!
-//! In: decays, terms, and the numbers p (parameters). Out: what every series shows of the motion, its
-//! derivatives by the numbers, and the waves that the lines add.
+//! In: a [`Fit`], decays with terms and the numbers p (parameters). Out: what every series shows of the motion,
+//! its derivatives by the numbers, and the waves that the lines add.
 //!
 //! In a burst, output j shows y_j = g_j x + h_j x'/omega + sum_w (a_w cos + b_w sin) e^{-sigma_w t} + offset,
 //! where x(t) follows the equation of `motion.rs` from the burst's own start. Of the first output g = 1 and
-//! h = 0; of the others these shares of displacement and velocity are fitted. The amplitudes of waves, and
-//! the offset, which is a wave that stands still, are free in every series. They are linear, so they are no
-//! numbers here: `fit.rs` eliminates them. Derivatives of the motion are central differences.
+//! h = 0; of the others these shares of displacement and velocity are fitted. The amplitudes of waves and the
+//! offset are free in every series. They are linear, so they are no numbers here: `fit.rs` eliminates them. Derivatives of the motion are central differences.
 
 use super::decays::Decays;
 use super::motion::Motion;
@@ -29,111 +28,120 @@ pub fn plain_numbers(decays: &Decays) -> usize {
     shares(decays) + 2 * (decays.outputs - 1)
 }
 
-pub fn placed(decays: &Decays, terms: &[Term]) -> impl Iterator<Item = (Term, usize)> {
-    terms.iter().scan(plain_numbers(decays), |next, term| {
-        let at = *next;
-        *next += term.numbers();
-        Some((*term, at))
-    })
-}
-
-pub fn motion(decays: &Decays, terms: &[Term], p: &[f64]) -> Motion {
-    let mut motion = Motion { sigma: p[SIGMA], omega: p[OMEGA], ..Motion::default() };
-    for (term, at) in placed(decays, terms) {
-        match term {
-            Term::Stiffness(form) => (motion.form, motion.stiffness) = (form, p[at]),
-            Term::Drag => motion.drag = p[at],
-            Term::Friction => motion.stick = p[at],
-            Term::Unnamed(rival) => {
-                motion.unnamed.set(rival, &p[at..at + term.numbers()]);
-            }
-            Term::Offset | Term::Line(_) => {}
-        }
-    }
-    motion
-}
-
 /// Index of x and x'/omega of a burst's first sample.
 pub fn start_of(burst: usize) -> usize {
     STARTS + 2 * burst
 }
 
-pub fn path(motion: &Motion, p: &[f64], burst: usize, samples: usize, out: &mut Vec<[f64; 2]>) {
-    let at = start_of(burst);
-    motion.run([p[at], p[at + 1]], samples, out);
-}
-
 /// A damped cosine and sine of free amplitudes in every series.
 pub struct Wave {
     pub sigma: f64,
-    /// `None`: it stands still, and has no sine.
-    pub omega: Option<f64>,
+    pub omega: f64,
     /// Numbers that its damping and its frequency depend on, with the derivatives of both.
     pub by: Vec<(usize, [f64; 2])>,
-}
-
-impl Wave {
-    pub fn columns(&self, samples: usize) -> Vec<Vec<f64>> {
-        let [cosine, sine] = waves(self.sigma, self.omega.unwrap_or(0.0), samples);
-        if self.omega.is_some() { vec![cosine, sine] } else { vec![cosine] }
-    }
-
-    pub fn width(&self) -> usize {
-        if self.omega.is_some() { 2 } else { 1 }
-    }
 }
 
 /// The waves of a term whose numbers begin at `at`.
 pub fn waves_of(term: Term, at: usize, p: &[f64]) -> Vec<Wave> {
     let (sigma, omega) = (p[SIGMA], p[OMEGA]);
     match term {
-        Term::Offset => vec![Wave { sigma: 0.0, omega: None, by: Vec::new() }],
         Term::Line(Line::Mode) => {
             let by = vec![(at, [1.0, 0.0]), (at + 1, [0.0, 1.0])];
-            vec![Wave { sigma: p[at], omega: Some(p[at + 1]), by }]
+            vec![Wave { sigma: p[at], omega: p[at + 1], by }]
         }
         Term::Line(Line::Tone) => {
-            vec![Wave { sigma: 0.0, omega: Some(p[at]), by: vec![(at, [0.0, 1.0])] }]
+            vec![Wave { sigma: 0.0, omega: p[at], by: vec![(at, [0.0, 1.0])] }]
         }
         Term::Line(Line::SideBands) => [1.0, -1.0]
             .map(|up| {
                 let by = vec![(at, [1.0, 0.0]), (at + 1, [0.0, up]), (OMEGA, [0.0, 1.0])];
-                Wave { sigma: p[at], omega: Some(omega + up * p[at + 1]), by }
+                Wave { sigma: p[at], omega: omega + up * p[at + 1], by }
             })
             .into(),
         Term::Line(Line::Harmonic(k)) => {
             let k = f64::from(k);
             let by = vec![(SIGMA, [k, 0.0]), (OMEGA, [0.0, k])];
-            vec![Wave { sigma: k * sigma, omega: Some(k * omega), by }]
+            vec![Wave { sigma: k * sigma, omega: k * omega, by }]
         }
         _ => Vec::new(),
     }
 }
 
-/// The oscillator with some terms, in the first `upto` samples of some decays.
-pub struct Plant<'a> {
+/// How many free amplitudes a term has in every series: an offset, or those of the cosine and the sine of waves.
+pub fn columns_of(term: Term, at: usize, p: &[f64]) -> usize {
+    usize::from(term == Term::Offset) + 2 * waves_of(term, at, p).len()
+}
+
+/// A model of some decays: the oscillator with its terms, and their numbers. `fit.rs` finds these.
+#[derive(Clone, Debug)]
+pub struct Fit<'a> {
     pub decays: &'a Decays,
-    terms: &'a [Term],
+    pub terms: Vec<Term>,
+    pub p: Vec<f64>,
+    /// Of each series the amplitudes of all columns, in the terms' order.
+    pub free: Vec<Vec<f64>>,
+    pub cost: f64,
+    /// How many samples of each series it is fitted to: all, but while it is followed from the first ones on.
     pub upto: usize,
 }
 
 /// For one series the derivatives of what it shows of the motion, by the index of the number.
 pub type Slopes = Vec<(usize, Vec<f64>)>;
 
-impl<'a> Plant<'a> {
-    pub fn new(decays: &'a Decays, terms: &'a [Term], upto: usize) -> Plant<'a> {
-        Plant { decays, terms, upto: upto.min(decays.samples) }
+impl Fit<'_> {
+    /// Its terms, each with the index of its first number.
+    pub fn placed(&self) -> impl Iterator<Item = (Term, usize)> {
+        self.terms.iter().scan(plain_numbers(self.decays), |next, term| {
+            let at = *next;
+            *next += term.numbers();
+            Some((*term, at))
+        })
     }
 
-    pub fn waves(&self, p: &[f64]) -> Vec<Wave> {
-        placed(self.decays, self.terms).flat_map(|(term, at)| waves_of(term, at, p)).collect()
+    pub fn motion(&self) -> Motion {
+        let p = &self.p;
+        let mut motion = Motion { sigma: p[SIGMA], omega: p[OMEGA], ..Motion::default() };
+        for (term, at) in self.placed() {
+            match term {
+                Term::Stiffness(form) => (motion.form, motion.stiffness) = (form, p[at]),
+                Term::Drag => motion.drag = p[at],
+                Term::Friction => motion.stick = p[at],
+                Term::Unnamed(rival) => {
+                    motion.unnamed.set(rival, &p[at..at + term.numbers()]);
+                }
+                Term::Offset | Term::Line(_) => {}
+            }
+        }
+        motion
+    }
+
+    /// x and x'/omega in the first samples of a burst.
+    pub fn path(&self, burst: usize, samples: usize) -> Vec<[f64; 2]> {
+        let at = start_of(burst);
+        self.motion().run([self.p[at], self.p[at + 1]], samples)
+    }
+
+    pub fn waves(&self) -> Vec<Wave> {
+        self.placed().flat_map(|(term, at)| waves_of(term, at, &self.p)).collect()
+    }
+
+    /// Number of offsets in every series, 1 or 0; that is the first term.
+    pub fn offset(&self) -> usize {
+        usize::from(self.terms.first() == Some(&Term::Offset))
+    }
+
+    /// What the free amplitudes are those of: 1 for the offset, and the cosine and sine of each wave.
+    pub fn columns(&self) -> Vec<Vec<f64>> {
+        let offset = std::iter::repeat_n(vec![1.0; self.upto], self.offset());
+        let of_wave = |wave: Wave| waves(wave.sigma, wave.omega, self.upto);
+        offset.chain(self.waves().into_iter().flat_map(of_wave)).collect()
     }
 
     /// The motion of a burst (`path`: x and x'/omega) as one output shows it.
-    fn seen(&self, p: &[f64], path: &[[f64; 2]], output: usize) -> Vec<f64> {
+    fn seen(&self, path: &[[f64; 2]], output: usize) -> Vec<f64> {
         let [x, u] = match output {
             0 => [1.0, 0.0],
-            _ => [p[self.share(output)], p[self.share(output) + 1]],
+            _ => [self.p[self.share(output)], self.p[self.share(output) + 1]],
         };
         path.iter().map(|[dx, du]| x * dx + u * du).collect()
     }
@@ -143,21 +151,20 @@ impl<'a> Plant<'a> {
     }
 
     /// What each series shows of the motion, by burst, then output.
-    pub fn moved(&self, p: &[f64]) -> Vec<Vec<f64>> {
-        let motion = motion(self.decays, self.terms, p);
-        let mut path_of = Vec::new();
-        let bursts = (0..self.decays.bursts).flat_map(|burst| {
-            path(&motion, p, burst, self.upto, &mut path_of);
-            (0..self.decays.outputs).map(|o| self.seen(p, &path_of, o)).collect::<Vec<_>>()
-        });
-        bursts.collect()
+    pub fn moved(&self) -> Vec<Vec<f64>> {
+        let of_burst = |burst: usize| {
+            let path = self.path(burst, self.upto);
+            (0..self.decays.outputs).map(move |o| self.seen(&path, o))
+        };
+        (0..self.decays.bursts).flat_map(of_burst).collect()
     }
 
     /// The numbers that the motion itself depends on, but for its starts, each with the step of its
     /// central difference, which changes the phase of a long decay by little.
-    fn steps(&self, p: &[f64]) -> Vec<(usize, f64)> {
-        let rates = [(SIGMA, 1e-6 * p[OMEGA].abs()), (OMEGA, 1e-7 * p[OMEGA].abs())];
-        let of_terms = placed(self.decays, self.terms).flat_map(|(term, at)| {
+    fn differences(&self) -> Vec<(usize, f64)> {
+        let omega = self.p[OMEGA].abs();
+        let rates = [(SIGMA, 1e-6 * omega), (OMEGA, 1e-7 * omega)];
+        let of_terms = self.placed().flat_map(|(term, at)| {
             let numbers = 0..term.numbers();
             numbers.filter_map(move |j| Some((at + j, term.step(j, self.decays.samples)?)))
         });
@@ -166,28 +173,26 @@ impl<'a> Plant<'a> {
 
     /// Derivatives of what the outputs of a burst show of the motion. A number on which a series does not
     /// depend is not there.
-    pub fn slopes(&self, p: &[f64], burst: usize) -> Vec<Slopes> {
-        let (mut up, mut down) = (Vec::new(), Vec::new());
+    pub fn slopes(&self, burst: usize) -> Vec<Slopes> {
         let own = [0, 1].map(|j| (start_of(burst) + j, 1e-6));
         let outputs = self.decays.outputs;
         let mut slopes: Vec<Slopes> = vec![Vec::new(); outputs];
-        for (j, h) in self.steps(p).into_iter().chain(own) {
-            for (sign, path_of) in [(1.0, &mut up), (-1.0, &mut down)] {
-                let mut moved = p.to_vec();
-                moved[j] += sign * h;
-                let motion = motion(self.decays, self.terms, &moved);
-                path(&motion, &moved, burst, self.upto, path_of);
-            }
-            for ([x, u], [down_x, down_u]) in up.iter_mut().zip(&down) {
+        for (j, h) in self.differences().into_iter().chain(own) {
+            let [mut slope, down] = [h, -h].map(|by| {
+                let mut moved = self.clone();
+                moved.p[j] += by;
+                moved.path(burst, self.upto)
+            });
+            for ([x, u], [down_x, down_u]) in slope.iter_mut().zip(&down) {
                 *x = (*x - down_x) * 0.5 / h;
                 *u = (*u - down_u) * 0.5 / h;
             }
-            (0..outputs).for_each(|o| slopes[o].push((j, self.seen(p, &up, o))));
+            (0..outputs).for_each(|o| slopes[o].push((j, self.seen(&slope, o))));
         }
         if outputs > 1 {
-            path(&motion(self.decays, self.terms, p), p, burst, self.upto, &mut up);
+            let path = self.path(burst, self.upto);
             for (o, of) in slopes.iter_mut().enumerate().skip(1) {
-                let share = |j: usize| (self.share(o) + j, up.iter().map(|at| at[j]).collect());
+                let share = |j: usize| (self.share(o) + j, path.iter().map(|at| at[j]).collect());
                 of.extend([share(0), share(1)]);
             }
         }

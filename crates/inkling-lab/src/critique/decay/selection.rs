@@ -17,15 +17,16 @@
 
 use super::children::{Added, baseline, child};
 use super::decays::Decays;
-use super::fit::Fit;
 use super::motion::Form;
 use super::noise::Noise;
 use super::objections::objection;
+use super::plant::Fit;
 use super::terms::{Line, Term};
 use super::unnamed::unnamed;
 use crate::critique::candidate::{Candidate, Chosen};
 use crate::critique::catalogue::CauseId;
 use crate::critique::chance::{DETECTION_LIMIT, THRESHOLD, surprise};
+use crate::critique::ensemble::mean_of;
 use crate::critique::finding::Evidence;
 use crate::critique::objection::Objection;
 use crate::critique::search::{Contender, ExplainedModel, Round, System, search};
@@ -247,12 +248,10 @@ fn offset<'a>(fit: &Fit<'a>, noise: &Noise) -> Chosen<Added<'a>> {
     let without = fit.without(|i| i == 0).descend(noise);
     let explained = noise.seen(&without.misfit(), fit.decays.samples) - all;
 
-    // mean and standard deviation over the decays of each output's offset, in the fit's scale
+    // mean over the decays of each output's offset, and its error by their spread, in the fit's scale
     let of_output = |o: usize| {
-        let each = || fit.free[0].iter().skip(o).step_by(outputs);
-        let mean = each().sum::<f64>() / count;
-        let square = each().map(|b| (b - mean).powi(2)).sum::<f64>() / (count - 1.0).max(1.0);
-        (mean, square.sqrt())
+        let each = fit.free.iter().skip(o).step_by(outputs);
+        mean_of(&each.map(|of| of[0]).collect::<Vec<f64>>())
     };
     let sd = fit.sd_of_offset(noise);
     let largest = (0..outputs).max_by(|p, q| {
@@ -260,15 +259,16 @@ fn offset<'a>(fit: &Fit<'a>, noise: &Noise) -> Chosen<Added<'a>> {
         size(*p).total_cmp(&size(*q))
     });
     let output = largest.unwrap_or(0);
-    let (mean, spread) = of_output(output);
-    let differ: f64 = (0..outputs).map(|o| (count - 1.0) * (of_output(o).1 / sd[o]).powi(2)).sum();
+    let (mean, by_spread) = of_output(output);
+    let differs = |o: usize| count * (count - 1.0) * (of_output(o).1 / sd[o]).powi(2);
+    let differ: f64 = (0..outputs).map(differs).sum();
     let price = (count - 1.0) * outputs as f64 * fit.decays.ln_samples();
     let is_shared = differ <= price;
     let (statistic, degrees, dof) = match is_shared {
         true => ((explained - differ).max(0.0), outputs, fit.degrees_of_freedom()),
-        false => (count * (mean / spread).powi(2), 1, count - 1.0),
+        false => ((mean / by_spread).powi(2), 1, count - 1.0),
     };
-    let error = (if is_shared { sd[output] } else { spread }) / count.sqrt();
+    let error = if is_shared { sd[output] / count.sqrt() } else { by_spread };
     let scale = fit.decays.scale[output];
     let form = Added { term: Term::Offset, fit: fit.clone(), share: 0.0, bic: 0.0 };
     let candidate = Candidate {

@@ -1,36 +1,29 @@
 //! Spectrum of the decays or of a fit's misfit, and its highest peaks. Series have one length; angular
 //! frequencies are in rad per sample.
 
+use nalgebra::Complex;
 use std::f64::consts::PI;
 
-/// Fast Fourier transform in place (radix two, decimation in time); the length is a power of two.
-fn transform(re: &mut [f64], im: &mut [f64]) {
-    let n = re.len();
+/// Fast Fourier transform in place (radix two, decimation in time); the length is a power of two from 2 on.
+fn transform(y: &mut [Complex<f64>]) {
+    let n = y.len();
     // put the samples into bit-reversed order
-    let mut j = 0;
-    for i in 1..n {
-        let mut bit = n >> 1;
-        while j & bit != 0 {
-            j ^= bit;
-            bit >>= 1;
-        }
-        j |= bit;
+    for i in 0..n {
+        let j = i.reverse_bits() >> (usize::BITS - n.trailing_zeros());
         if i < j {
-            re.swap(i, j);
-            im.swap(i, j);
+            y.swap(i, j);
         }
     }
     let mut length = 2;
     while length <= n {
-        let (sin, cos) = (-2.0 * PI / length as f64).sin_cos();
-        for start in (0..n).step_by(length) {
-            let (mut c, mut s) = (1.0, 0.0);
-            for a in start..start + length / 2 {
-                let b = a + length / 2;
-                let (x, y) = (re[b] * c - im[b] * s, re[b] * s + im[b] * c);
-                (re[b], im[b]) = (re[a] - x, im[a] - y);
-                (re[a], im[a]) = (re[a] + x, im[a] + y);
-                (c, s) = (c * cos - s * sin, s * cos + c * sin);
+        let step = Complex::from_polar(1.0, -2.0 * PI / length as f64);
+        for part in y.chunks_mut(length) {
+            let (low, high) = part.split_at_mut(length / 2);
+            let mut turn = Complex::from(1.0);
+            for (p, q) in low.iter_mut().zip(high) {
+                let turned = *q * turn;
+                (*p, *q) = (*p + turned, *p - turned);
+                turn *= step;
             }
         }
         length *= 2;
@@ -42,11 +35,10 @@ fn transform(re: &mut [f64], im: &mut [f64]) {
 /// White noise has its variance as the mean at every omega.
 fn power(y: &[f64]) -> Vec<f64> {
     let length = (4 * y.len()).next_power_of_two();
-    let (mut re, mut im) = (y.to_vec(), vec![0.0; length]);
-    re.resize(length, 0.0);
-    transform(&mut re, &mut im);
-    let half = length / 2;
-    (0..=half).map(|j| (re[j] * re[j] + im[j] * im[j]) / y.len() as f64).collect()
+    let mut all: Vec<Complex<f64>> = y.iter().map(|y| Complex::from(*y)).collect();
+    all.resize(length, Complex::ZERO);
+    transform(&mut all);
+    all[..=length / 2].iter().map(|z| z.norm_sqr() / y.len() as f64).collect()
 }
 
 /// Sum of the periodograms of several series of one length, each times `weight`.

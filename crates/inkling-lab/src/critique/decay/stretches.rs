@@ -11,31 +11,31 @@ use std::ops::Range;
 const STRETCHES: usize = 20;
 const EVERY: usize = 3;
 
-#[derive(Clone, Copy, Debug)]
 pub struct Stretches {
     samples: usize,
     pub length: usize,
+    /// The ranges of samples that models are fitted to, and those between them.
+    pub fitted: Vec<Range<usize>>,
+    pub held_out: Vec<Range<usize>>,
 }
 
 impl Stretches {
     pub fn of(decays: &Decays) -> Stretches {
-        Stretches { samples: decays.samples, length: decays.samples.div_ceil(STRETCHES).max(2) }
+        let samples = decays.samples;
+        let length = samples.div_ceil(STRETCHES).max(2);
+        // from and to are counted in stretches
+        let ranges = |from: usize, to: usize| -> Vec<Range<usize>> {
+            let all = (0..samples).step_by(EVERY * length);
+            let part = |at| samples.min(at + from * length)..samples.min(at + to * length);
+            all.map(part).filter(|range| !range.is_empty()).collect()
+        };
+        let (fitted, held_out) = (ranges(0, EVERY - 1), ranges(EVERY - 1, EVERY));
+        Stretches { samples, length, fitted, held_out }
     }
 
-    pub fn is_held_out(self, sample: usize) -> bool {
-        (sample / self.length) % EVERY == EVERY - 1
-    }
-
-    /// The ranges of samples that are held out, or those between them.
-    pub fn ranges(self, held_out: bool) -> Vec<Range<usize>> {
-        let all: Vec<usize> = (0..self.samples).collect();
-        let alike = |p: &usize, q: &usize| self.is_held_out(*p) == self.is_held_out(*q);
-        let parts = all.chunk_by(alike).filter(|part| self.is_held_out(part[0]) == held_out);
-        parts.map(|part| part[0]..part[0] + part.len()).collect()
-    }
-
-    pub fn noise(self, sds: &[f64]) -> Noise {
-        let held_out = (0..self.samples).map(|k| self.is_held_out(k)).collect();
+    pub fn noise(&self, sds: &[f64]) -> Noise {
+        let mut held_out = vec![false; self.samples];
+        self.held_out.iter().for_each(|range| held_out[range.clone()].fill(true));
         Noise { held_out, ..Noise::white(sds) }
     }
 }

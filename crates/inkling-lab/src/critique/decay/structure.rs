@@ -6,9 +6,8 @@
 //! rest; its control is the same of decays of the fitted model itself with as much noise as it leaves.
 
 use super::decays::Decays;
-use super::fit::Fit;
 use super::noise::{Noise, sizes};
-use super::plant::{OMEGA, Plant, SIGMA};
+use super::plant::{Fit, OMEGA, SIGMA};
 use super::selection::Selected;
 use super::terms::{Line, Term};
 use crate::critique::finding::{Forecast, Mode, Structure};
@@ -85,7 +84,7 @@ fn modes(selected: &Selected) -> Vec<Mode> {
 /// Sum of squares of what the ring and each mode alone show, in the order of `poles`.
 fn powers(fit: &Fit) -> Vec<f64> {
     let square = |y: &[f64]| y.iter().map(|y| y * y).sum::<f64>();
-    let ring = Plant::new(fit.decays, &fit.terms, fit.decays.samples).moved(&fit.p).concat();
+    let ring = fit.moved().concat();
     let misfit = fit.misfit();
     let mode = |(i, _): (usize, &Term)| {
         let without = fit.without(|k| k == i).misfit();

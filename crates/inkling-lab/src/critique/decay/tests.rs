@@ -4,10 +4,9 @@
 //! and that known aliases and unphysical signs are never named.
 
 use super::decays::Decays;
-use super::fit::Fit;
 use super::noise::Noise;
 use super::objections::objection;
-use super::plant::{OMEGA, SIGMA};
+use super::plant::{Fit, OMEGA, SIGMA};
 use super::terms::{Line, Term};
 use super::{critique, motion::Form};
 use crate::critique::catalogue::CauseId;
@@ -179,7 +178,7 @@ fn of_many_decays_a_few_say_what_it_is() {
     let remark = "of each of 32 signals were looked at, in 32 bursts spread over the recording of 100 signals";
     assert!(of.remarks.iter().any(|said| said.ends_with(remark)), "{:?}", of.remarks);
     let few = Decays::of(&data).unwrap();
-    let last = few.series(31, 0)[0] * few.scale[0];
+    let last = few.y[31 * few.outputs * few.samples] * few.scale[0];
     assert!((last - f64::from(data.signal(96)[0])).abs() < 1e-3 * few.scale[0]);
 }
 

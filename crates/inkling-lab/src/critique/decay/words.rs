@@ -7,7 +7,7 @@
 use super::children::Added;
 use super::motion::Form;
 use super::objections::amplitudes;
-use super::plant::{OMEGA, SIGMA, motion, waves_of};
+use super::plant::{Fit, OMEGA, SIGMA, waves_of};
 use super::selection::Selected;
 use super::terms::Term;
 use crate::critique::candidate::Chosen;
@@ -22,11 +22,10 @@ use std::fmt::Write;
 /// Value of a cause in the catalogue's parameter, with its standard error by linear propagation.
 /// `index` counts causes and terms alike. An offset has been measured already.
 fn value(selected: &Selected, index: usize) -> (f64, f64) {
-    let fit = &selected.fit;
-    let decays = fit.decays;
-    let (largest, smallest) = amplitudes(fit);
-    let of = |p: &[f64]| -> f64 {
-        let motion = motion(decays, &fit.terms, p);
+    let dt = selected.fit.decays.dt_s;
+    let (largest, smallest) = amplitudes(&selected.fit);
+    let of = |fit: &Fit| -> f64 {
+        let motion = fit.motion();
         let Some((term, at)) = fit.placed().nth(index) else { return f64::NAN };
         match term {
             Term::Stiffness(_) => motion.frequency_ratio(largest) - 1.0,
@@ -39,8 +38,8 @@ fn value(selected: &Selected, index: usize) -> (f64, f64) {
                     - 1.0
             }
             Term::Line(_) => {
-                let waves = waves_of(term, at, p);
-                waves.first().and_then(|w| w.omega).unwrap_or(f64::NAN) / (TAU * decays.dt_s)
+                let waves = waves_of(term, at, &fit.p);
+                waves.first().map_or(f64::NAN, |w| w.omega) / (TAU * dt)
             }
             Term::Offset | Term::Unnamed(_) => f64::NAN,
         }
@@ -51,19 +50,19 @@ fn value(selected: &Selected, index: usize) -> (f64, f64) {
 
 /// A number that follows from those of the fit, with its standard error by linear propagation: by central
 /// differences of a hundredth of the numbers' errors, where the amplitudes are held.
-fn propagated(selected: &Selected, of: impl Fn(&[f64]) -> f64) -> (f64, f64) {
+fn propagated(selected: &Selected, of: impl Fn(&Fit) -> f64) -> (f64, f64) {
     let fit = &selected.fit;
     let gradient = DVector::from_fn(fit.p.len(), |j, _| {
         let h = 0.01 * selected.covariance[(j, j)].max(0.0).sqrt();
         let moved = |by: f64| {
-            let mut p = fit.p.clone();
-            p[j] += by;
-            of(&p)
+            let mut moved = fit.clone();
+            moved.p[j] += by;
+            of(&moved)
         };
         if h > 0.0 && h.is_finite() { (moved(h) - moved(-h)) / (2.0 * h) } else { 0.0 }
     });
     let variance = gradient.dot(&(&selected.covariance * &gradient));
-    (of(&fit.p), variance.max(0.0).sqrt())
+    (of(fit), variance.max(0.0).sqrt())
 }
 
 /// The named causes, the strongest first, and remarks: on further lines of one kind, rivals in the
@@ -140,25 +139,24 @@ pub fn equation(selected: &Selected) -> String {
     let fit = &selected.fit;
     let decays = fit.decays;
     let (dt, scale) = (decays.dt_s, decays.scale[0]);
-    let motion_by = |p: &[f64]| motion(decays, &fit.terms, p);
     let mut text = String::from("x'' = -2 s x' - w^2 ");
     let mut numbers: Vec<String> = Vec::new();
-    let mut number = |name: &str, unit: &str, of: &dyn Fn(&[f64]) -> f64| {
+    let mut number = |name: &str, unit: &str, of: &dyn Fn(&Fit) -> f64| {
         let (value, sd) = propagated(selected, of);
         let interval = [value - 1.96 * sd, value + 1.96 * sd];
         numbers.push(format!("{name} = {}", digits::measured(value, interval, unit)));
     };
-    number("s", "1/s", &|p| p[SIGMA] / dt);
-    number("w", "rad/s", &|p| p[OMEGA] / dt);
+    number("s", "1/s", &|fit| fit.p[SIGMA] / dt);
+    number("w", "rad/s", &|fit| fit.p[OMEGA] / dt);
 
     // In the equation x is in units of the recording and t in s; in the fit x is in `scale` units, the largest
     // deviation of the first output from its mean, and t in samples.
-    let k = |p: &[f64]| motion_by(p).stiffness / (scale * scale);
-    let c = |p: &[f64]| (6.0 * k(p).abs()).sqrt();
-    match motion_by(&fit.p).form {
+    let k = |fit: &Fit| fit.motion().stiffness / (scale * scale);
+    let c = |fit: &Fit| (6.0 * k(fit).abs()).sqrt();
+    match fit.motion().form {
         _ if !fit.terms.iter().any(|term| matches!(term, Term::Stiffness(_))) => text += "x",
         Form::Sine => {
-            text += if k(&fit.p) < 0.0 { "sin(c x)/c" } else { "sinh(c x)/c" };
+            text += if k(fit) < 0.0 { "sin(c x)/c" } else { "sinh(c x)/c" };
             number("c", "1/unit", &c);
         }
         Form::Cubic => {
@@ -168,11 +166,11 @@ pub fn equation(selected: &Selected) -> String {
     }
     if fit.terms.contains(&Term::Drag) {
         text += " - d |x'| x'";
-        number("d", "1/unit", &|p| motion_by(p).drag / scale);
+        number("d", "1/unit", &|fit| fit.motion().drag / scale);
     }
     if fit.terms.contains(&Term::Friction) {
         text += " - m sign(x')";
-        let of = |p: &[f64]| motion_by(p).stick * p[OMEGA].powi(2) * scale / (dt * dt);
+        let of = |fit: &Fit| fit.motion().stick * fit.p[OMEGA].powi(2) * scale / (dt * dt);
         number("m", "units/s^2", &of);
     }
     text += if decays.outputs > 1 { "\ny_j = g_j x + h_j x'" } else { "\ny = x" };
@@ -192,9 +190,9 @@ pub fn equation(selected: &Selected) -> String {
     for (n, (term, at)) in (2..).zip(lines) {
         let _ = write!(text, " + e^(-s{n} t) (p{n} cos w{n} t + q{n} sin w{n} t)");
         for i in 0..waves_of(term, at, &fit.p).len() {
-            let wave = |p: &[f64]| waves_of(term, at, p).swap_remove(i);
-            number(&format!("s{n}"), "1/s", &|p| wave(p).sigma / dt);
-            number(&format!("w{n}"), "rad/s", &|p| wave(p).omega.unwrap_or(0.0) / dt);
+            let wave = |fit: &Fit| waves_of(term, at, &fit.p).swap_remove(i);
+            number(&format!("s{n}"), "1/s", &|fit| wave(fit).sigma / dt);
+            number(&format!("w{n}"), "rad/s", &|fit| wave(fit).omega / dt);
         }
     }
     numbers.append(&mut offsets);

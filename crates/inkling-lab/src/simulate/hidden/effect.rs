@@ -7,6 +7,7 @@
 //! definitions are written from the catalogue's words alone: the critique's own models are other code.
 
 use super::plant::Equation;
+use crate::simulate::sensor::at_viscosity;
 use Acts::{Code, Output, Plant};
 use Needs::{DriveScan, Idle, Neighbours, Nothing, Temperature};
 use std::f64::consts::TAU;
@@ -140,94 +141,61 @@ const fn effect(
 const SLOW: &[&str] = &["offset", "droop", "meniscus"];
 const EARLY: &[&str] = &["lowpass", "fractional_damping"];
 
-/// The effects of the catalogue. Each `size`, from which searches start, is about one detection limit.
+/// The effects of the catalogue. Each `size`, from which searches start, is about one detection limit. What is
+/// one statement stands in the row: `e` is the effect, `c` the signal's conditions, `q` the equation of motion.
+#[rustfmt::skip]
 pub static CATALOGUE: [Effect; 22] = [
     effect("offset", "offset", "counts", Nothing, 0.1, Output(offset)).tied(SLOW),
     effect("droop", "rate", "1/s", DriveScan, 1e3, Output(droop)).tied(SLOW),
-    effect("meniscus", "compliance_ratio", "1", DriveScan, 0.02, Plant(meniscus)).tied(SLOW),
+    effect("meniscus", "compliance_ratio", "1", DriveScan, 0.02, Plant(|e, _, q| q.meniscus = e.size)).tied(SLOW),
     effect("lowpass", "rate", "1/s", Nothing, 0.015, Output(lowpass)).tied(EARLY).of(3e5, 1.2e6),
     effect("second_mode", "frequency", "Hz", DriveScan, 0.25, Output(second_mode)).of(25e3, 240e3),
-    effect("quadratic_drag", "damping_change", "1", DriveScan, 30.0, Plant(quadratic_drag)),
-    effect("dry_friction", "damping_change", "1", DriveScan, 3e4, Plant(dry_friction)),
-    effect("cubic_stiffness", "frequency_change", "1", DriveScan, 1e5, Plant(cubic_stiffness)),
-    effect("fractional_damping", "eta", "1", Nothing, 0.1, Plant(fractional_damping)).tied(EARLY),
+    effect("quadratic_drag", "damping_change", "1", DriveScan, 30.0, Plant(|e, _, q| q.drag_per_s_count = e.size)),
+    effect("dry_friction", "damping_change", "1", DriveScan, 3e4, Plant(|e, _, q| q.friction_counts_per_s = e.size)),
+    effect("cubic_stiffness", "frequency_change", "1", DriveScan, 1e5, Plant(|e, _, q| q.cubic = e.size)),
+    effect("fractional_damping", "eta", "1", Nothing, 0.1, Plant(|e, _, q| q.half_order = e.size)).tied(EARLY),
     effect("tone", "frequency", "Hz", Nothing, 0.09, Output(tone)).of(15e3, 280e3),
     effect("random_tone", "frequency", "Hz", Nothing, 0.2, Output(tone)).of(15e3, 280e3),
     effect("trigger_jitter", "sd", "s", Nothing, 27e-9, Acts::Trigger),
-    effect("clipping", "level", "counts", Nothing, 90.0, Code(clipped)),
-    effect("coarse_lsb", "step", "counts", Nothing, 2.0, Code(rounded)),
+    effect("clipping", "level", "counts", Nothing, 90.0, Code(|e, y| y.min(e.size))),
+    effect("coarse_lsb", "step", "counts", Nothing, 2.0, Code(|e, y| (y / e.size).round() * e.size)),
     effect("previous_tail", "gain", "1", Idle, 0.3, Acts::Tail),
     effect("crosstalk", "kappa", "1", Neighbours, 0.012, Output(crosstalk)),
-    effect("temperature", "damping_change", "1/K", Temperature, -0.003, Plant(warm_ink)),
-    effect("ageing", "damping_change", "1", Nothing, 0.03, Plant(ageing)),
-    effect("position_gradient", "frequency_change", "1", Nothing, 0.005, Plant(position_gradient)),
+    effect("temperature", "damping_change", "1/K", Temperature, -0.003, Plant(|e, c, q| thin(q, e.size * c.above_c))),
+    effect("ageing", "damping_change", "1", Nothing, 0.03, Plant(|e, c, q| thin(q, e.size * c.progress))),
+    effect("position_gradient", "frequency_change", "1", Nothing, 0.005,
+        Plant(|e, c, q| stiffen(q, e.size * c.position))),
     effect("clock_drift", "rate_change", "1", Nothing, 0.005, Plant(clock_drift)),
     effect("correlated_noise", "rho", "1", Nothing, 0.03, Acts::Correlation),
     effect("heteroscedastic_noise", "h", "1", Nothing, 0.1, Acts::NoiseGrowth),
 ];
 
-/// Effects that the catalogue does not have, to which `unknown` is the right answer.
+/// Effects that the catalogue does not have, to which `unknown` is the right answer. The last one is stiffness
+/// that follows temperature; in the catalogue only damping does.
+#[rustfmt::skip]
 pub static OUTSIDE: [Effect; 4] = [
     effect("outside_even_order", "share", "1", DriveScan, 0.02, Output(even_order)),
     effect("outside_echo", "share", "1", Nothing, 0.02, Output(echo)).of(25e-6, 45e-6),
     effect("outside_glitch", "counts", "counts", Nothing, 1.0, Output(glitch)).of(0.2, 0.8),
-    effect("outside_warm_stiffness", "1/K", "1/K", Temperature, 0.001, Plant(warm_stiffness)),
+    effect("outside_warm_stiffness", "1/K", "1/K", Temperature, 0.001, Plant(|e, c, q| stiffen(q, e.size * c.above_c))),
 ];
 
 // effects on the equation of motion: each sets or changes a coefficient
 
-fn meniscus(effect: &Effect, _: &Conditions, equation: &mut Equation) {
-    equation.meniscus = effect.size;
-}
-
-fn quadratic_drag(effect: &Effect, _: &Conditions, equation: &mut Equation) {
-    equation.drag_per_s_count = effect.size;
-}
-
-fn dry_friction(effect: &Effect, _: &Conditions, equation: &mut Equation) {
-    equation.friction_counts_per_s = effect.size;
-}
-
-fn cubic_stiffness(effect: &Effect, _: &Conditions, equation: &mut Equation) {
-    equation.cubic = effect.size;
-}
-
-fn fractional_damping(effect: &Effect, _: &Conditions, equation: &mut Equation) {
-    equation.half_order = effect.size;
-}
-
-fn warm_ink(effect: &Effect, conditions: &Conditions, equation: &mut Equation) {
-    thin(equation, 1.0 + effect.size * conditions.above_c);
-}
-
-fn ageing(effect: &Effect, conditions: &Conditions, equation: &mut Equation) {
-    thin(equation, 1.0 + effect.size * conditions.progress);
-}
-
-fn position_gradient(effect: &Effect, conditions: &Conditions, equation: &mut Equation) {
-    stiffen(equation, 1.0 + effect.size * conditions.position);
-}
-
 fn clock_drift(effect: &Effect, conditions: &Conditions, equation: &mut Equation) {
-    stiffen(equation, 1.0 + effect.size * conditions.progress);
-    thin(equation, 1.0 + effect.size * conditions.progress);
+    stiffen(equation, effect.size * conditions.progress);
+    thin(equation, effect.size * conditions.progress);
 }
 
-/// Stiffness that follows temperature; in the catalogue only damping does.
-fn warm_stiffness(effect: &Effect, conditions: &Conditions, equation: &mut Equation) {
-    stiffen(equation, 1.0 + effect.size * conditions.above_c);
+/// Changes all losses by the share `by`.
+pub fn thin(equation: &mut Equation, by: f64) {
+    equation.rates = at_viscosity(&equation.rates, 1.0 + by);
 }
 
-/// Multiplies all losses by `factor`.
-pub fn thin(equation: &mut Equation, factor: f64) {
-    equation.g_per_s *= factor;
-    equation.d_per_s *= factor;
-}
-
-/// Multiplies the frequency by `factor`: both stiffnesses by its square.
-pub fn stiffen(equation: &mut Equation, factor: f64) {
-    equation.a_per_s2 *= factor * factor;
-    equation.b_per_s2 *= factor * factor;
+/// Changes the frequency by the share `by`: both stiffnesses by the square of that factor.
+pub fn stiffen(equation: &mut Equation, by: f64) {
+    let square = (1.0 + by) * (1.0 + by);
+    equation.rates = equation.rates.times([square, square, 1.0, 1.0]);
 }
 
 // effects on the sensor's output: each changes the samples of a signal
@@ -311,16 +279,6 @@ fn echo(effect: &Effect, _: &Conditions, samples: &mut Samples) {
 fn glitch(effect: &Effect, _: &Conditions, samples: &mut Samples) {
     let k = (effect.shape * samples.y.len() as f64) as usize;
     samples.y[k.min(samples.y.len() - 1)] += effect.size;
-}
-
-// effects on the codes: each changes a sample after noise
-
-fn clipped(effect: &Effect, y: f64) -> f64 {
-    y.min(effect.size)
-}
-
-fn rounded(effect: &Effect, y: f64) -> f64 {
-    (y / effect.size).round() * effect.size
 }
 
 #[cfg(test)]

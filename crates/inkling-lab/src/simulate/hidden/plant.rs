@@ -16,6 +16,8 @@
 //! library's own models use matrix exponentials and closed forms instead, so that the critique is tested by
 //! other code. Volumes are in counts·s, flows in counts: the output of a state is q_r + q_n.
 
+use inkling_core::model::InkChannel;
+
 /// Steps of the integrator per sample period: the error of a whole decay is below 1e-6 of its peak.
 const STEPS_PER_SAMPLE: f64 = 8.0;
 /// Relaxation rates of the half-order derivative: range, 1/s, and number, evenly spaced in the logarithm.
@@ -26,11 +28,7 @@ const STICTION_COUNTS: f64 = 0.02;
 /// The equation of motion: the rates of thesis (2-2), and the terms that the thesis leaves out (0: absent).
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Equation {
-    /// 1/(I_r B_t), 1/(I_n B_t), R_r/I_r and R_n/I_n.
-    pub a_per_s2: f64,
-    pub b_per_s2: f64,
-    pub g_per_s: f64,
-    pub d_per_s: f64,
+    pub rates: InkChannel,
     /// B_t/B_m, by which surface tension pulls the nozzle's volume back.
     pub meniscus: f64,
     /// Nozzle loss that grows with the square of the flow, 1/s per count.
@@ -65,8 +63,9 @@ impl Equation {
     fn rate(&self, x: &[f64], displaced: f64, rate: &mut [f64]) {
         let volume = x[0] + x[1] - displaced;
         let pressure = volume * (1.0 + self.cubic * volume * volume);
+        let [a, b, g, d] = self.rates.rates();
         let q = x[3];
-        let mut loss = self.d_per_s * (1.0 - self.half_order) * q
+        let mut loss = d * (1.0 - self.half_order) * q
             + self.drag_per_s_count * q.abs() * q
             + self.friction_counts_per_s * q / q.hypot(STICTION_COUNTS);
         if self.half_order != 0.0 {
@@ -75,7 +74,7 @@ impl Equation {
             let ([low, high], n) = RELAXATIONS;
             let step = (high / low).ln() / (n - 1) as f64;
             // Re (j omega)^{1/2} = (omega/2)^{1/2}: the loss at the resonance stays what it was
-            let scale = self.half_order * self.d_per_s / (self.half_order_rad_s / 2.0).sqrt();
+            let scale = self.half_order * d / (self.half_order_rad_s / 2.0).sqrt();
             let mut derivative = 0.0;
             let mut relaxation = low;
             let ratio = step.exp();
@@ -89,8 +88,8 @@ impl Equation {
         }
         rate[0] = x[2];
         rate[1] = x[3];
-        rate[2] = -self.a_per_s2 * pressure - self.g_per_s * x[2];
-        rate[3] = -self.b_per_s2 * (pressure + self.meniscus * x[1]) - loss;
+        rate[2] = -a * pressure - g * x[2];
+        rate[3] = -b * (pressure + self.meniscus * x[1]) - loss;
     }
 
     /// Integrates over `duration_s` (0: nothing), in equal steps of at most `step_s`.
@@ -154,19 +153,14 @@ impl Equation {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use inkling_core::model::Actuation;
     use inkling_core::model::ring_down::ring_down_into;
-    use inkling_core::model::{Actuation, InkChannel};
 
     const DT: f64 = 0.78125e-6;
 
     fn nominal() -> Equation {
-        Equation {
-            a_per_s2: 5.6e10,
-            b_per_s2: 1.11e11,
-            g_per_s: 1.6e4,
-            d_per_s: 8e4,
-            ..Equation::default()
-        }
+        let rates = InkChannel::of([5.6e10, 1.11e11, 1.6e4, 8e4]);
+        Equation { rates, ..Equation::default() }
     }
 
     fn decay(equation: &Equation, displaced: f64) -> Vec<f64> {

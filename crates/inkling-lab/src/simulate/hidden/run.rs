@@ -94,8 +94,7 @@ impl Base {
         for circumstance in &self.circumstances {
             if let Circumstance::FrequencyScatter(sd) = circumstance {
                 let stiffness = (1.0 + 3.0_f64.sqrt() * sd * scattered).powi(2);
-                rates.a_per_s2 *= stiffness;
-                rates.b_per_s2 *= stiffness;
+                rates = rates.times([stiffness, stiffness, 1.0, 1.0]);
             }
         }
         RunChannel { rates, gain, faulty: false }
@@ -135,14 +134,8 @@ impl Base {
 
     /// The equation of a healthy channel with the given rates.
     fn equation(&self, rates: &InkChannel) -> Equation {
-        Equation {
-            a_per_s2: rates.a_per_s2,
-            b_per_s2: rates.b_per_s2,
-            g_per_s: rates.g_per_s,
-            d_per_s: rates.d_per_s,
-            half_order_rad_s: rates.poles().map_or(4e5, |p| TAU * p.frequency_hz),
-            ..Equation::default()
-        }
+        let half_order_rad_s = rates.poles().map_or(4e5, |p| TAU * p.frequency_hz);
+        Equation { rates: *rates, half_order_rad_s, ..Equation::default() }
     }
 
     /// The state at t_a, which is later than nominal by `late_s`, after a pulse of `drive_v` volts.
@@ -194,8 +187,8 @@ impl Base {
         let (n, dt) = (self.physics.acquisition.samples, self.dt_s());
         let mut equation = self.equation(&made.rates);
         // scatter of frequency and damping from burst to burst, then effects on the equation and the trigger
-        stiffen(&mut equation, 1.0 + c.shot[5]);
-        thin(&mut equation, 1.0 + c.shot[6]);
+        stiffen(&mut equation, c.shot[5]);
+        thin(&mut equation, c.shot[6]);
         let mut late_s = 0.0;
         for effect in effects {
             match effect.acts {

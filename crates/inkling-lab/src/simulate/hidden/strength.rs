@@ -452,10 +452,9 @@ mod tests {
         let yardstick = yardstick(HIDDEN_PLAIN);
         for by in [0.001, 0.03, 0.1] {
             let stiffer = Effect {
-                acts: Acts::Plant(|s, _, e| {
-                    e.a_per_s2 *= 1.0 + s.size;
-                    e.b_per_s2 *= 1.0 + s.size;
-                    e.d_per_s *= 1.0 + s.size;
+                acts: Acts::Plant(|e, _, q| {
+                    let by = 1.0 + e.size;
+                    q.rates = q.rates.times([by, by, 1.0, by]);
                 }),
                 ..shaped("offset")
             };
