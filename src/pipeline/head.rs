@@ -28,14 +28,12 @@ use super::run::Replay;
 use super::sweep::{Sweep, SweepClock, channels};
 use inkling_core::burst::Burst;
 use inkling_core::design::{
-    Design, HealthyModel, Judge, OwnBasis, OwnChannels, Workspace, ring_from,
+    Design, HealthyModel, Judge, OwnBasis, OwnChannels, Workspace, ring_from, tuned,
 };
 use inkling_core::state::{Features, Head as State, HeadMemory, Look, OwnLevel, SweepOutcome};
 use inkling_core::verdict::Reason;
 use std::sync::Arc;
 
-/// A common change of the amplitude beyond this, relative, is warned about: a supply sags by less.
-const GAIN_BOUND: f64 = 0.25;
 /// After this many sweeps in a row without a known level, signals far from the model are no longer fitted,
 /// which takes time; they count as no rings.
 const MOST_UNKNOWN: u32 = 64;
@@ -100,6 +98,8 @@ struct Looks {
     /// The looks at channels that gave a ring, counted from the base.
     rings: Vec<Look>,
     no_rings: usize,
+    /// How large signals without a ring are beside the expected one, of those that have its form.
+    sizes: Vec<f64>,
     /// Whether more of the subset's channels are frozen than are not: then recorder or converter stand still.
     all_frozen: bool,
 }
@@ -181,7 +181,7 @@ impl Head {
         self.sweeps = self.sweeps.wrapping_add(1);
         let t_ns = sweep.to_ns();
         self.heat(sweep, by);
-        let Looks { rings: looks, no_rings, all_frozen } = self.look(sweep, by);
+        let Looks { rings: looks, no_rings, sizes, all_frozen } = self.look(sweep, by);
         // own levels are taken before the state is updated, so that no sweep is judged about its own
         let is_remembered = by.replay.baselines.is_some();
         let own = is_remembered.then(|| self.own(by));
@@ -208,7 +208,7 @@ impl Head {
             SweepOutcome::Unknown => {
                 self.unknown = self.unknown.saturating_add(1);
                 if self.unknown >= IN_A_ROW && no_rings > looks.len() {
-                    self.movement.no_rings_since_ns.get_or_insert(t_ns);
+                    self.movement.note_no_rings(t_ns, no_rings, sizes);
                 }
                 Ok(self.judge.now.clone())
             }
@@ -240,6 +240,7 @@ impl Head {
         let Judging { deviations, work, room, .. } = by;
         let mut room = *room;
         let (mut looks, mut no_rings, mut repeated) = (Vec::new(), 0, 0);
+        let mut sizes = Vec::new();
         for burst in sweep.bursts() {
             let (drive, warmer) = (judge.drive(burst), judge.warmer(burst));
             for channel in channels(burst) {
@@ -255,6 +256,7 @@ impl Head {
                 let local = judge.features(deviation, (drive, warmer), far, work);
                 let Some(local) = local.filter(|of| of.iter().all(|v| v.is_finite())) else {
                     no_rings += 1;
+                    sizes.extend(deviations.size());
                     continue;
                 };
                 // a new channel is only shown to the state while there is room for it
@@ -266,7 +268,7 @@ impl Head {
                 looks.push(Look { channel, features: local + at, drive, warmer: self.warmer });
             }
         }
-        Looks { all_frozen: repeated > looks.len() + no_rings, rings: looks, no_rings }
+        Looks { all_frozen: repeated > looks.len() + no_rings, rings: looks, no_rings, sizes }
     }
 
     /// The own levels relative to the head's. The basis costs time to make: it is kept until there are twice
@@ -318,7 +320,7 @@ impl Head {
         self.unknown = 0;
         self.is_followed = true;
         let [damping, frequency] = by.bounds();
-        let bounds = [GAIN_BOUND, damping, frequency];
+        let bounds = [tuned::GAIN_BOUND, damping, frequency];
         if (0..3).any(|k| is_beyond(level[k], sd[k], bounds[k])) {
             self.movement.beyond_since_ns.get_or_insert(t_ns);
         }

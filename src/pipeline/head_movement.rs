@@ -6,6 +6,7 @@
 
 use crate::report::clock;
 use crate::settings::IdentifySettings;
+use inkling_core::model::median::median;
 use inkling_core::state::{Features, Head, OtherChannel};
 use inkling_lab::critique::digits::significant;
 use serde::Serialize;
@@ -36,6 +37,8 @@ pub struct HeadMovement {
     pub scatter_since_ns: Option<i64>,
     /// Since when most signals held more than a ring, so that the level was not known, ns.
     pub no_rings_since_ns: Option<i64>,
+    /// How large these were beside the expected ones, if most of them had the form of those.
+    pub size: Option<f64>,
     /// Channels that ring otherwise since a pause, as other channels in their places would.
     pub replaced: Vec<ReplacedChannel>,
     /// The level of the first rejected sweep: ln amplitude, ln damping, ln frequency, phase in rad.
@@ -96,6 +99,15 @@ impl HeadMovement {
         let since = [self.beyond_since_ns, self.swapped_ns, self.scatter_since_ns];
         let since = since.into_iter().chain([self.no_rings_since_ns]);
         self.strange > 0 || since.flatten().next().is_some()
+    }
+
+    /// Takes in a sweep in which most signals hold more than a ring. `sizes`: of those that have the form of the
+    /// expected ones.
+    pub fn note_no_rings(&mut self, t_ns: i64, no_rings: usize, mut sizes: Vec<f64>) {
+        if self.no_rings_since_ns.is_none() {
+            self.no_rings_since_ns = Some(t_ns);
+            self.size = (2 * sizes.len() > no_rings).then(|| median(&mut sizes));
+        }
     }
 
     /// Takes in a level; of ln amplitude, ln damping and ln frequency the values farthest from 0 are kept.
@@ -167,12 +179,19 @@ impl HeadMovement {
                 self.scatter,
             )
         });
-        let no_rings = self.no_rings_since_ns.map(|since_ns| {
-            format!(
+        let no_rings = self.no_rings_since_ns.map(|since_ns| match self.size {
+            Some(size) => format!(
+                "from {} on most of its signals have the form that the design knows, and {} times the size, too small to be \
+                 told from its noise: are they of another unit (volts instead of counts), or was a gain changed? What is \
+                 said of their channels is not to be believed",
+                at(since_ns),
+                significant(size, 2)
+            ),
+            None => format!(
                 "from {} on most of its signals hold more than the ring that the design knows, such as noise, hum or another \
                  form: where the printhead is is not known, and faults may pass; look at amplifier, cable and supply",
                 at(since_ns)
-            )
+            ),
         });
         let replaced = self.replaced.iter().take(MOST_REPLACED).map(ReplacedChannel::in_words);
         let more = self.replaced.len().saturating_sub(MOST_REPLACED);

@@ -44,6 +44,19 @@ impl Deviations {
         }
     }
 
+    /// How large the signal is beside the expected one, if it has the form of that: most of its energy lies along it.
+    /// Of the signal whose deviation was made last.
+    pub fn size(&self) -> Option<f64> {
+        let (mut own, mut along, mut of_expected) = (0.0, 0.0, 0.0);
+        for (deviation, expected) in self.signal.iter().zip(&self.expected) {
+            let y = deviation + expected;
+            own += y * y;
+            along += y * expected;
+            of_expected += expected * expected;
+        }
+        (2.0 * along * along > own * of_expected).then(|| along / of_expected)
+    }
+
     /// Turns the signal that was copied last into its deviation: burst and row must be the same.
     pub fn deviate(&mut self, judge: &Judge, burst: &Burst, row: usize) -> &[f64] {
         // bursts that follow each other mostly expect the same signal

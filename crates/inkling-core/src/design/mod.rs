@@ -21,6 +21,7 @@ mod extension;
 mod fault_class;
 mod fd_filter;
 mod feature_estimator;
+mod gain_steps;
 mod healthy_model;
 mod held_out;
 mod isolator;

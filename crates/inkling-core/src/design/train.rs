@@ -80,6 +80,7 @@ impl Design {
         }
         design.check()?;
         warnings.extend(design.odd_channels(&set.healthy));
+        warnings.extend(design.gain_steps(&set.healthy));
         Ok((design, warnings))
     }
 

@@ -24,6 +24,8 @@ pub const WRONG_SD: f64 = 6.0;
 /// Robust standard deviations of a printhead's channels beyond which one that is labelled healthy is told: of a
 /// thousand Gaussian channels the farthest lies at three.
 pub const ODD_CHANNEL: f64 = 8.0;
+/// A common change of the amplitude beyond this, relative, is warned about: a supply sags by less.
+pub const GAIN_BOUND: f64 = 0.25;
 /// Standard deviations of a sudden change that all channels have in common: of ln amplitude; of
 /// ln damping and of ln frequency, in units of ln (1 + their bound in `[identify]`); and of the
 /// phase, rad. A change beyond five of these is no ink.

@@ -53,9 +53,18 @@ fn full(name: &str) -> Critique {
         ..GainFigures::default()
     };
     let cause = Cause {
+        id: Tone,
+        parameter: "frequency".into(),
+        unit: "Hz".into(),
+        value: 1e5,
+        ci95: [99_800.0, 100_200.0],
+        strength_dl: 4.8,
+        delta_bic: 470.0,
         tied_with: vec![SecondMode],
+        tied_unnamed: vec![],
+        matters_for_detection: false,
+        explains: None,
         sentence: format!("An interference at 100 kHz on {name}."),
-        ..Cause::new(Tone, 1e5, 200.0 / 1.96, 4.8, 470.0)
     };
     Critique {
         version: VERSION,
