@@ -202,7 +202,7 @@ fn checked_and_judged(
             timings: args.timings,
             annotate: args.annotate,
             is_alone,
-            tells_all: args.tells_all(),
+            tells_all: !args.is_told_by_others,
             failures: 0,
         },
     };
