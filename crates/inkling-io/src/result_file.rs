@@ -179,17 +179,12 @@ fn library(head: &[u8]) -> Option<&[u8]> {
 /// The kind of a file of JSON, which is one document or lines of documents. A journal whose only
 /// line was cut short by a power cut is known by how it begins.
 fn of_json(mut file: File) -> std::io::Result<Option<ResultFile>> {
-    let keys = |text: &[u8]| serde_json::from_slice::<BTreeMap<String, IgnoredAny>>(text).ok();
-    let of = |keys: BTreeMap<String, IgnoredAny>| {
-        let has = |all: &[&str]| all.iter().all(|key| keys.contains_key(*key));
-        BY_KEYS.iter().find(|(_, all)| has(all)).map(|(kind, _)| *kind)
-    };
     // 1. the first line by itself: all of a document on one line, or a line of a journal
     file.rewind()?;
     let (mut file, mut text) = (BufReader::new(file), Vec::new());
     file.by_ref().take(MOST_LINE_BYTES).read_until(b'\n', &mut text)?;
     if let Some(keys) = keys(&text) {
-        return Ok(of(keys)); // a journal may be long, and each of its lines says what it is
+        return Ok(by_keys(keys)); // a journal may be long, and each of its lines says what it is
     }
     // 2. the whole file as one document; else its first line that is a document, unless the first
     //    line is a bracket alone, as in a document over several lines
@@ -200,9 +195,21 @@ fn of_json(mut file: File) -> std::io::Result<Option<ResultFile>> {
     let is_of_state = text.windows(9).any(|part| part == b",\"design\"");
     let is_torn = text.starts_with(b"{\"version\":") && !text.contains(&b'\n') && !is_of_state;
     Ok(match keys(&text).or_else(lines) {
-        Some(keys) => of(keys),
+        Some(keys) => by_keys(keys),
         None => is_torn.then_some(ResultFile::Journal),
     })
+}
+
+/// The keys of a document of JSON.
+type Keys = BTreeMap<String, IgnoredAny>;
+
+fn keys(text: &[u8]) -> Option<Keys> {
+    serde_json::from_slice(text).ok()
+}
+
+fn by_keys(keys: Keys) -> Option<ResultFile> {
+    let has = |all: &[&str]| all.iter().all(|key| keys.contains_key(*key));
+    BY_KEYS.iter().find(|(_, all)| has(all)).map(|(kind, _)| *kind)
 }
 
 /// Whether a text that begins otherwise, as after a power failure, has a line of a journal.
@@ -210,12 +217,7 @@ fn holds_line_of_journal(mut file: File) -> std::io::Result<bool> {
     file.rewind()?;
     let mut text = Vec::new();
     file.take(MOST_LINE_BYTES).read_to_end(&mut text)?;
-    let of_journal = BY_KEYS.iter().find(|(kind, _)| *kind == ResultFile::Journal);
-    let is_line = |line: &[u8]| {
-        let keys = serde_json::from_slice::<BTreeMap<String, IgnoredAny>>(line).ok();
-        keys.zip(of_journal)
-            .is_some_and(|(keys, (_, of))| of.iter().all(|key| keys.contains_key(*key)))
-    };
+    let is_line = |line| keys(line).and_then(by_keys) == Some(ResultFile::Journal);
     Ok(text.split(|byte| *byte == b'\n').any(is_line))
 }
 
