@@ -255,8 +255,7 @@ fn source(input: &Input, notes: &mut Vec<String>) -> Result<Source, String> {
         Ok(None) => {}
         Err(e) => notes.push(e),
     }
-    let verdicts = VerdictReader::open_columns(&input.path, &[]).map_err(|e| e.to_string())?;
-    let document = summary_file::of_metadata(verdicts.metadata_json());
+    let document = summary_file::of_table(&input.path).map_err(|e| e.to_string())?;
     Ok(Source { name, document, missing: vec!["summary"], ..Source::default() })
 }
 
