@@ -61,7 +61,7 @@ pub mod memory_recording;
 pub mod objects;
 pub mod outputs;
 mod parquet_claims;
-mod parquet_file;
+pub mod parquet_file;
 pub mod part_file;
 pub mod peek;
 pub mod plain_columns;

@@ -11,14 +11,13 @@
 //! pages by a mark in the first 1024 bytes.
 
 use super::mcap_records::{MAGIC, RECORD_HEADER};
-use super::parquet_file::footer_of;
+use super::parquet_file::footer;
 use super::regular_file;
 use serde::de::IgnoredAny;
 use std::collections::BTreeMap;
 use std::fmt;
 use std::fs::File;
-use std::io::{BufRead, BufReader, Read, Seek, SeekFrom};
-use std::ops::Range;
+use std::io::{BufRead, BufReader, Read, Seek};
 use std::path::Path;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -98,7 +97,7 @@ impl ResultFile {
         let is = |is: bool, kind: ResultFile| is.then_some(kind);
         Ok(match head.as_slice() {
             [b'P', b'A', b'R', b'1', ..] => {
-                let footer = footer(&mut file)?;
+                let footer = footer(&file, MOST_FOOTER_BYTES)?;
                 let has = |part: &[u8]| footer.windows(part.len()).any(|of| of == part);
                 let kind = if has(URGENCY) { ResultFile::Faults } else { ResultFile::Table };
                 is(has(OURS), kind)
@@ -235,15 +234,6 @@ pub fn is_cut(path: &Path) -> bool {
         serde_json::from_reader::<_, IgnoredAny>(text).err()
     };
     is_ours && end().is_some_and(|e| e.is_eof())
-}
-
-fn footer(file: &mut File) -> std::io::Result<Vec<u8>> {
-    let is_small = |of: &Range<u64>| of.start >= 4 && of.end - of.start <= MOST_FOOTER_BYTES;
-    let Some(of) = footer_of(file)?.filter(is_small) else { return Ok(Vec::new()) };
-    let mut footer = vec![0; (of.end - of.start) as usize];
-    file.seek(SeekFrom::Start(of.start))?;
-    file.read_exact(&mut footer)?;
-    Ok(footer)
 }
 
 #[cfg(test)]
