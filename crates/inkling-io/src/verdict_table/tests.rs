@@ -105,7 +105,7 @@ pub(crate) fn write(path: &Path, options: TableOptions, batches: &[Verdicts]) ->
     for batch in batches {
         writer.write(batch).unwrap();
     }
-    let rows = writer.rows();
+    let rows = writer.rows;
     assert!(!path.exists(), "no name before it is complete");
     writer.complete(DOCUMENT.into()).unwrap().name().unwrap();
     rows as usize
