@@ -333,7 +333,7 @@ fn read_all(files: &[&Path], control: &Control, send: &SyncSender<Read>) {
 
 /// Sends the rows of one file.
 fn read_one(file: &Path, control: &Control, send: &SyncSender<Read>) -> Result<(), TableError> {
-    let mut verdicts = VerdictReader::open_columns(file, &COLUMNS)?;
+    let mut verdicts = VerdictReader::open_columns(file, Some(&COLUMNS))?;
     while let Some(columns) = verdicts.next() {
         let columns = columns?;
         control.signals.fetch_add(columns.len() as u64, Ordering::Relaxed);

@@ -34,14 +34,11 @@ pub struct VerdictReader {
 impl VerdictReader {
     /// Opens a table with all columns. Errors say that the file cannot be read, or is no Parquet file.
     pub fn open(path: &Path) -> Result<VerdictReader, TableError> {
-        VerdictReader::of_columns(path, None)
+        VerdictReader::open_columns(path, None)
     }
 
-    pub fn open_columns(path: &Path, names: &[&str]) -> Result<VerdictReader, TableError> {
-        VerdictReader::of_columns(path, Some(names))
-    }
-
-    fn of_columns(path: &Path, names: Option<&[&str]>) -> Result<VerdictReader, TableError> {
+    /// The same with these columns; `None`: all.
+    pub fn open_columns(path: &Path, names: Option<&[&str]>) -> Result<VerdictReader, TableError> {
         let mut builder = open(path)?;
         if let Some(names) = names {
             let mask = ProjectionMask::columns(builder.parquet_schema(), names.iter().copied());
