@@ -273,8 +273,8 @@ impl Account {
             exit: exit as u8,
             by,
             totals: &self.totals(),
-            warnings: self.warnings.list(),
-            notes: self.notes.list(),
+            warnings: &self.warnings.list,
+            notes: &self.notes.list,
             unread: &self.unread,
             recordings: &self.rows,
         };
@@ -305,7 +305,7 @@ impl Account {
         writeln!(out, "{all}: {parts}; {n} signals in {:.1} s, {rate} signals/s", totals.seconds)?;
 
         // each warning was told once, when it first came; here is how often it came in all
-        for Note { what, times, recordings, .. } in self.warnings.list() {
+        for Note { what, times, recordings, .. } in &self.warnings.list {
             if *times > 1 {
                 let (times, all) = (thousands(*times), counted(*recordings, "recording"));
                 writeln!(out, "  {times} times in {all}: {what}")?;

@@ -6,7 +6,7 @@
 //! and counts; of such files a report says that they overlap in time.
 
 use inkling_io::stored;
-use inkling_io::verdict_reader::VerdictReader;
+use inkling_io::verdict_reader::document_of;
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -22,7 +22,7 @@ pub struct Table<'a> {
 /// by another design or other settings, one by a design stays, and of these the newest; else the one with the most
 /// judged signals, and of equal ones the oldest: earlier nights were told by its name.
 pub fn left_out(tables: &[Table]) -> Vec<Option<String>> {
-    let is_readable = |table: &Table| VerdictReader::open_columns(table.path, &[]).is_ok();
+    let is_readable = |table: &Table| document_of(table.path).is_ok();
     let made_ns =
         |table: &Table| stored::stamp(table.path).ok().and_then(|stamp| stamp.modified_ns);
     let judged = |table: &Table| table.document["counts"]["judged"].as_u64().unwrap_or_default();

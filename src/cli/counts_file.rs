@@ -12,17 +12,14 @@ use inkling_core::episodes::Episode;
 use inkling_io::digest::of_bytes;
 use inkling_io::file_error::FileError;
 use inkling_io::objects::in_object_store;
-use inkling_io::{part_file, regular_file, stored, summary_file};
+use inkling_io::{parquet_file, part_file, regular_file, stored, summary_file};
 use serde_json::{Value, json};
-use std::io::{self, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
 /// To be raised whenever verdicts would be counted otherwise within one version of inkling.
 const VERSION: u32 = 1;
 /// Most bytes that are read.
 const MOST_BYTES: u64 = 256 << 20;
-/// Length of what ends a Parquet file: the length of its footer, and `PAR1`.
-const PARQUET_END: i64 = 8;
 
 /// What counts are of.
 pub struct Key {
@@ -40,7 +37,11 @@ impl Key {
         if in_object_store(verdicts) {
             return Ok(None);
         }
-        let footer = footer(verdicts).map_err(FileError::unread(verdicts))?;
+        // a table that was written anew with other values has another footer; the time of its last change says less,
+        // since a copy has another one
+        let footer = regular_file::open(verdicts)
+            .and_then(|table| parquet_file::footer(&table, MOST_BYTES))
+            .map_err(FileError::unread(verdicts))?;
         let times = &document["wrong_times"];
         let all = json!([
             env!("CARGO_PKG_VERSION"),
@@ -83,18 +84,4 @@ impl Key {
     fn head(&self, counts: &str) -> String {
         format!("inkling counts {} {}", self.digest, of_bytes(counts.as_bytes()))
     }
-}
-
-/// The footer of a Parquet file, which says where in it which values lie, and what they are of: a table that was
-/// written anew with others has another one. (The time of its last change says less: a copy has another.)
-fn footer(table: &Path) -> io::Result<Vec<u8>> {
-    let mut file = regular_file::open(table)?;
-    let mut end = [0; 4];
-    file.seek(SeekFrom::End(-PARQUET_END))?;
-    file.read_exact(&mut end)?;
-    let length = u32::from_le_bytes(end);
-    let mut footer = Vec::new();
-    file.seek(SeekFrom::End(-PARQUET_END - i64::from(length)))?;
-    file.take(length.into()).read_to_end(&mut footer)?;
-    Ok(footer)
 }

@@ -15,7 +15,6 @@ use super::{output, topics};
 use crate::pipeline::visit::Pass;
 use crate::pipeline::{Control, ring_look};
 use crate::settings::Settings;
-use inkling_core::burst::Acquisition;
 use inkling_io::damage::note;
 use inkling_io::dialect::guess::Proposal;
 use inkling_io::file_error::FileError;
@@ -133,8 +132,8 @@ fn one(
     let mut contents = Contents::new(recording);
     let mut reader = recording.reader().counting();
     let damage = progress.during(&recording.name, recording.bytes, control, || {
-        let see = |_, acquisition: &Acquisition| contents.see(acquisition);
-        Pass { recording, control }.acquisitions(&mut reader, |_| true, see)
+        Pass { recording, control }
+            .acquisitions(&mut reader, |acquisition| contents.see(acquisition))
     });
     let damage = damage.map_err(|_| Failure::new("interrupted"))?;
     damage.into_iter().for_each(|damage| note(&mut contents.damage, damage));

@@ -128,7 +128,7 @@ fn night(args: Args) -> Result<Exit, Failure> {
     let settings = replay::settings_of(&of_replay)?;
     let out = PathBuf::from(&settings.output.dir);
     if settings.input.baseline.is_empty() {
-        of_replay.keep_state(out.join(STATE_NAME));
+        of_replay.baseline = Some(out.join(STATE_NAME));
     }
     let (page, kept_at) = (out.join(PAGE_NAME), out.join(NIGHT_NAME));
     let page = Page::at(&page)?;

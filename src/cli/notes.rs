@@ -34,17 +34,13 @@ pub struct Note {
 pub struct Notes {
     /// Index in `list` by kind.
     places: HashMap<String, usize>,
-    list: Vec<Note>,
+    pub list: Vec<Note>,
 }
 
 impl Notes {
     /// Counts a message about a recording; returns whether it is the first of its kind in this run.
     pub fn add(&mut self, recording: &str, message: &CountedMessage) -> bool {
         self.count(&message.what, message.times, || [message.what.clone(), recording.into()])
-    }
-
-    pub fn list(&self) -> &[Note] {
-        &self.list
     }
 
     /// Counts messages of the kind of `what`; returns whether the kind is new. `first`: text and recording
@@ -153,12 +149,12 @@ mod tests {
                 && !notes.add("b", &messages[0])
                 && notes.add("b", &messages[1])
         );
-        let note = &notes.list()[0];
+        let note = &notes.list[0];
         assert_eq!((note.times, note.recordings, note.first.as_str()), (4, 2, "a"));
         for i in 0..10_000u32 {
             let letters: String = i.to_string().bytes().map(|b| char::from(b + 49)).collect();
             notes.add("c", &CountedMessage { what: letters, times: 1 });
         }
-        assert!(notes.list().len() <= MOST_KINDS + 1);
+        assert!(notes.list.len() <= MOST_KINDS + 1);
     }
 }

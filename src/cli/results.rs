@@ -245,8 +245,7 @@ fn source(input: &Input, notes: &mut Vec<String>) -> Result<Source, String> {
         Ok(None) => {}
         Err(e) => notes.push(e),
     }
-    let verdicts = VerdictReader::open_columns(&input.path, &[]).map_err(|e| e.to_string())?;
-    let document = summary_file::of_metadata(verdicts.metadata_json());
+    let document = summary_file::of_table(&input.path).map_err(|e| e.to_string())?;
     Ok(Source { name, document, missing: vec!["summary"], ..Source::default() })
 }
 
@@ -335,7 +334,7 @@ fn read_one(
     control: &Control,
     send: &SyncSender<Read>,
 ) -> Result<(), TableError> {
-    let mut verdicts = VerdictReader::open_columns(file, columns)?;
+    let mut verdicts = VerdictReader::open_columns(file, Some(columns))?;
     while let Some(columns) = verdicts.next() {
         let columns = columns?;
         control.signals.fetch_add(columns.len() as u64, Ordering::Relaxed);

@@ -106,7 +106,7 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     let files = results::find(&args.verdicts, "a score")?;
     let mut scoring = Scoring::new(&labels, args.report.is_some());
     let documents: Vec<serde_json::Value> =
-        files.iter().map(|file| summary_file::of_table(&file.path)).collect();
+        files.iter().map(|file| summary_file::of_table(&file.path).unwrap_or_default()).collect();
 
     let mut known: BTreeSet<&str> = known_states().collect();
     for document in &documents {
@@ -197,7 +197,7 @@ impl<'a> Scoring<'a> {
 
     /// Takes from a verdict table's metadata by which settings its verdicts are scored.
     fn use_settings_of(&mut self, path: &Path) {
-        let document = verdict_reader::document_of(path);
+        let document = verdict_reader::document_of(path).unwrap_or_default();
         let isolate = &document["settings"]["isolate"];
         // from which certainty on the verdicts were called certain
         self.score.bound = isolate["certainty"].as_f64().or(self.score.bound);

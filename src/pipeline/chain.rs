@@ -15,7 +15,6 @@ use super::Result;
 use super::groups::{MOST_GROUPS, of_printhead};
 use super::visit::Pass;
 use inkling_io::journal::Link;
-use std::cell::RefCell;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
@@ -67,9 +66,9 @@ fn rests_on(links: &[Option<&Link>], now: &State) -> bool {
 
 /// The printheads of a recording, for whoever hands recordings out to others. All of it is read.
 pub fn printheads(pass: Pass) -> Result<Vec<String>> {
-    let heads: RefCell<BTreeMap<Arc<str>, ()>> = RefCell::default();
-    pass.all(|_, burst| {
-        of_printhead(&mut heads.borrow_mut(), &burst.printhead, MOST_GROUPS, || ());
+    let mut heads: BTreeMap<Arc<str>, ()> = BTreeMap::new();
+    pass.bursts(|burst| {
+        of_printhead(&mut heads, &burst.printhead, MOST_GROUPS, || ());
     })?;
-    Ok(heads.into_inner().into_keys().map(|name| name.to_string()).collect())
+    Ok(heads.into_keys().map(|name| name.to_string()).collect())
 }

@@ -62,7 +62,7 @@ impl<'a> Collector<'a> {
     /// Takes the signals of a recording. Returns its damage. An unusable burst counts as one rejected signal.
     pub fn take(&mut self, pass: Pass) -> Result<Vec<Damage>> {
         let mut signal = Vec::new();
-        let lost = pass.all(|_, burst| {
+        let lost = pass.bursts(|burst| {
             pass.control.signals.fetch_add(u64::from(burst.channels), Ordering::Relaxed);
             let (t_ns, first_channel) = (burst.t_acq_ns, burst.first_channel);
             let last_channel = first_channel.saturating_add(burst.channels.saturating_sub(1));
@@ -232,7 +232,7 @@ impl<'a> Observer<'a> {
     /// Takes the signals of a recording that have the sample period of the first one. Returns its damage.
     pub fn take(&mut self, pass: Pass) -> Result<Vec<Damage>> {
         let mut signal = Vec::new();
-        let lost = pass.all(|_, burst| {
+        let lost = pass.bursts(|burst| {
             let (n, period_s) = (burst.samples_per_channel as usize, burst.sample_period_s);
             self.first_period_s.get_or_insert(period_s);
             pass.control.signals.fetch_add(u64::from(burst.channels), Ordering::Relaxed);

@@ -12,7 +12,7 @@ use super::metadata::{self, Document};
 use super::recording_report::{RecordingReport, note_not_judged};
 use super::run::Run;
 use super::tally::{Counts, Tally};
-use super::timings::Phases;
+use super::timings::PhaseTiming;
 use super::wiring::{StageResults, Table};
 use super::{PipelineError, Result, locked};
 use inkling_io::damage::Damage;
@@ -24,17 +24,18 @@ use inkling_io::verdict_table::VerdictWriter;
 use inkling_io::{labels_file, stored, summary_file};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 impl Run<'_> {
-    /// Checks what the stages left behind, makes the report and completes the files. `phases`: where the time went
-    /// before.
+    /// Checks what the stages left behind, makes the report and completes the files. `started`: when the stages
+    /// began.
     ///
     /// # Errors
     /// The recording holds no bursts, labels do not fit it, rows are missing, or a file cannot be written.
-    pub fn report(&self, results: StageResults, phases: &mut Phases) -> Result<RecordingReport> {
+    pub fn report(&self, results: StageResults, started: Instant) -> Result<RecordingReport> {
         // 1. the recording and what the stages left
-        let finishing = Instant::now();
+        let (opening, stages, finishing) =
+            (self.recording.opening, started.elapsed(), Instant::now());
         let Run { replay, recording, verdicts, control, .. } = *self;
         let paced = self.pacer.map(|pacer| locked(pacer).kept);
 
@@ -118,8 +119,11 @@ impl Run<'_> {
             Table::Arrays(rows) => report.arrays = Some(rows.complete(text)),
             Table::File(table) => files = complete_tables(table, text, episode_table, of_episodes)?,
         }
-        phases.add("finish", finishing.elapsed());
-        (report.seconds, report.phases) = (phases.seconds(), phases.list.clone());
+        report.seconds = (opening + started.elapsed()).as_secs_f64();
+        let phases = [("open", opening), ("stages", stages), ("finish", finishing.elapsed())];
+        let phase =
+            |(phase, took): (_, Duration)| PhaseTiming { phase, seconds: took.as_secs_f64() };
+        report.phases = phases.map(phase).into();
 
         report.summary(&mut document.of_run, recording);
 

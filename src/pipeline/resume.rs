@@ -214,7 +214,8 @@ fn owner(entry: Option<&Arc<Entry>>, verdicts: &Path) -> Option<Source> {
         summary.and_then(|text| serde_json::from_slice(&text).ok()).unwrap_or_default();
 
     let [table, episodes, _] = files(verdicts);
-    let tables = [table, episodes].into_iter().map(|path| verdict_reader::document_of(&path));
+    let tables = [table, episodes].into_iter();
+    let tables = tables.filter_map(|path| verdict_reader::document_of(&path).ok());
     let all = [summary].into_iter().chain(tables);
     // the first document that names a recording's digest
     let document = all.into_iter().find(|of| of["recording"]["digest"].is_string())?;

@@ -67,16 +67,18 @@ fn first_bursts(recording: &Recording, most: usize) -> Vec<Burst> {
     all
 }
 
+/// A channel's samples, counts.
+fn signal(burst: &Burst, channel: u32) -> Vec<f64> {
+    let mut signal = vec![0.0; burst.samples_per_channel as usize];
+    burst.copy_signal(channel as usize, &mut signal);
+    signal
+}
+
 /// The samples, counts, of a burst's usual channels in the order in which they lie in memory, and the number of these
 /// channels. One at a rail, or far from zero, has more energy than all others, and says nothing of the layout.
 fn numbers(burst: &Burst) -> (Vec<f64>, usize) {
     let samples = burst.samples_per_channel as usize;
-    let signal = |channel: u32| {
-        let mut signal = vec![0.0; samples];
-        burst.copy_signal(channel as usize, &mut signal);
-        signal
-    };
-    let mut signals: Vec<Vec<f64>> = (0..burst.channels).map(signal).collect();
+    let mut signals: Vec<Vec<f64>> = (0..burst.channels).map(|c| signal(burst, c)).collect();
     let energy = |signal: &Vec<f64>| signal.iter().map(|y| y * y).sum::<f64>();
     let mut energies: Vec<f64> = signals.iter().map(energy).collect();
     energies.sort_by(f64::total_cmp);
@@ -131,11 +133,11 @@ fn of_layout(bursts: &[Burst]) -> Option<String> {
 /// The doubt about the sample period, by the resonance of the first burst's mean signal.
 fn of_period(bursts: &[Burst]) -> Option<String> {
     let burst = bursts.first()?;
-    let (channels, samples) = (burst.channels as usize, burst.samples_per_channel as usize);
-    let (mut row, mut mean) = (vec![0.0; samples], vec![0.0; samples]);
-    for channel in 0..channels {
-        burst.copy_signal(channel, &mut row);
-        mean.iter_mut().zip(&row).for_each(|(mean, y)| *mean += y / channels as f64);
+    let samples = burst.samples_per_channel as usize;
+    let mut mean = vec![0.0; samples];
+    for channel in 0..burst.channels {
+        let row = signal(burst, channel);
+        mean.iter_mut().zip(&row).for_each(|(mean, y)| *mean += y / f64::from(burst.channels));
     }
 
     // number of periods in the signal, and with the sample period the frequency
@@ -154,11 +156,6 @@ fn of_period(bursts: &[Burst]) -> Option<String> {
 
 /// The doubt about the largest and the smallest value. Signals at the rails of 16 bit are rejected, and told so.
 fn of_clipping(bursts: &[Burst]) -> Option<String> {
-    let signal = |burst: &Burst, channel: u32| {
-        let mut signal = vec![0.0; burst.samples_per_channel as usize];
-        burst.copy_signal(channel as usize, &mut signal);
-        signal
-    };
     let bursts = &bursts[..bursts.len().min(MOST_CLIPPED_BURSTS)];
     let some = |burst: &Burst| {
         let step = burst.channels.div_ceil(MOST_CLIPPED_CHANNELS).max(1);

@@ -1,5 +1,5 @@
 //! Measures where the time of a recording goes, for `--timings` and the summary: by phase, one after another
-//! ([`Phases`]); and for each stage, how long its workers worked, waited for input (*starved*), and waited for
+//! ([`PhaseTiming`]); and for each stage, how long its workers worked, waited for input (*starved*), and waited for
 //! room behind them (*blocked*) ([`Timings`]). The stage that waits for neither is the bottleneck.
 //!
 //! Each worker has a [`Clock`], through which it receives and sends, and which adds its sums to those of the
@@ -8,49 +8,13 @@
 use super::locked;
 use crossbeam_channel::{Receiver, Sender};
 use std::sync::Mutex;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct PhaseTiming {
     /// `open`, `stages`, `finish`.
     pub phase: &'static str,
     pub seconds: f64,
-}
-
-#[derive(Debug)]
-pub struct Phases {
-    started: Instant,
-    before: Duration,
-    /// The phases in the order in which they were first met.
-    pub list: Vec<PhaseTiming>,
-}
-
-impl Phases {
-    /// Begins to measure. `opening`: how long opening the recording took.
-    pub fn new(opening: Duration) -> Phases {
-        let mut phases = Phases { started: Instant::now(), before: opening, list: Vec::new() };
-        phases.add("open", opening);
-        phases
-    }
-
-    pub fn time<T>(&mut self, phase: &'static str, job: impl FnOnce() -> T) -> T {
-        let started = Instant::now();
-        let done = job();
-        self.add(phase, started.elapsed());
-        done
-    }
-
-    pub fn add(&mut self, phase: &'static str, took: Duration) {
-        let seconds = took.as_secs_f64();
-        match self.list.iter_mut().find(|of| of.phase == phase) {
-            Some(of) => of.seconds += seconds,
-            None => self.list.push(PhaseTiming { phase, seconds }),
-        }
-    }
-
-    pub fn seconds(&self) -> f64 {
-        (self.before + self.started.elapsed()).as_secs_f64()
-    }
 }
 
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]

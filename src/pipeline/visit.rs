@@ -1,6 +1,6 @@
-//! Visits the bursts of a recording, or of some of its blocks, in one pass outside the stages, on one thread:
-//! [`Pass`]. In: an opened recording, and a function. Out: the function is called with each burst in file order,
-//! and what was damaged or unusable is returned. An interruption is the only error.
+//! Visits the bursts of a recording in one pass outside the stages, on one thread: [`Pass`]. In: an opened
+//! recording, and a function. Out: the function is called with each burst in file order, and what was damaged or
+//! unusable is returned. An interruption is the only error.
 
 use super::batches::MOST_ROWS;
 use super::{Control, Result};
@@ -44,24 +44,14 @@ pub struct Pass<'a> {
 }
 
 impl Pass<'_> {
-    /// Calls `see` with the block index and every usable burst, in file order.
-    pub fn all(self, see: impl FnMut(u64, &Burst)) -> Result<Lost> {
-        self.bursts(|_| true, see)
-    }
-
-    /// Calls `see` with the block index and every usable burst of the blocks that `want` chooses by index, in
-    /// file order.
-    pub fn bursts(
-        self,
-        want: impl FnMut(u64) -> bool,
-        mut see: impl FnMut(u64, &Burst),
-    ) -> Result<Lost> {
+    /// Calls `see` with every usable burst, in file order.
+    pub fn bursts(self, mut see: impl FnMut(&Burst)) -> Result<Lost> {
         let mut lost = Lost::default();
         let mut reader = self.recording.reader();
-        lost.damage = self.acquisitions(&mut reader, want, |block, acquisition| {
+        lost.damage = self.acquisitions(&mut reader, |acquisition| {
             lost.bursts += 1;
             match acquisition {
-                Acquisition::Usable(burst) => see(block, burst),
+                Acquisition::Usable(burst) => see(burst),
                 Acquisition::Unusable(_) => lost.unusable_bursts += 1,
             }
         })?;
@@ -72,13 +62,10 @@ impl Pass<'_> {
     pub fn acquisitions(
         self,
         reader: &mut BlockReader,
-        mut want: impl FnMut(u64) -> bool,
-        mut see: impl FnMut(u64, &Acquisition),
+        mut see: impl FnMut(&Acquisition),
     ) -> Result<Vec<Damage>> {
         let Pass { recording, control } = self;
         let mut damage = Vec::new();
-        // unless the file's channels are known upfront, a block may define those of a later one
-        let all = !recording.channels_known_upfront;
         control.bytes_read.store(0, Ordering::Relaxed);
         for block in recording.blocks() {
             control.check()?;
@@ -89,15 +76,11 @@ impl Pass<'_> {
                     continue;
                 }
             };
-            let wanted = want(block.index);
-            if wanted || all {
-                reader.load(&block);
-                while let Some(piece) = reader.next_piece(MOST_ROWS) {
-                    control.check()?;
-                    piece.damage.into_iter().for_each(|of_piece| note(&mut damage, of_piece));
-                    let chosen = piece.acquisitions.iter().filter(|_| wanted);
-                    chosen.for_each(|acquisition| see(block.index, acquisition));
-                }
+            reader.load(&block);
+            while let Some(piece) = reader.next_piece(MOST_ROWS) {
+                control.check()?;
+                piece.damage.into_iter().for_each(|of_piece| note(&mut damage, of_piece));
+                piece.acquisitions.iter().for_each(&mut see);
             }
             control.bytes_read.store(block.offset + block.bytes, Ordering::Relaxed);
         }

@@ -202,7 +202,7 @@ impl Table {
 
     pub fn rows(&self) -> u64 {
         match self {
-            Table::File(writer) => writer.rows(),
+            Table::File(writer) => writer.rows,
             Table::Arrays(arrays) => arrays.rows,
         }
     }

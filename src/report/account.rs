@@ -190,7 +190,7 @@ impl<'a> Statement<'a> {
 }
 
 fn of_gap<'a>(gap: &'a Gap, lines: &BTreeMap<usize, &'a RecordingLine>) -> Statement<'a> {
-    let line = lines.get(&gap.source());
+    let line = lines.get(&gap.source);
     let span = line.and_then(|line| line.span);
     let head = gap.printhead.as_deref();
     let of_head = line.zip(gap.printhead.as_ref()).and_then(|(line, of)| line.heads.get(of));

@@ -10,6 +10,7 @@ use super::watch::BurstCounts;
 use inkling_core::verdict::Reason;
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, HashMap};
+use std::hash::Hash;
 
 /// Least number of signals of a channel from which it can be told that the channel fell silent. With fewer,
 /// the channel may have been measured once in a scan over all channels, and an early time says nothing.
@@ -20,21 +21,26 @@ const AGAIN: u64 = 3;
 /// Most channels of a printhead that are counted one by one.
 pub const MOST_CHANNELS: usize = 1 << 16;
 
-/// The places of a printhead's channels in a list, by channel number, in the order in which they were met.
+/// The places of printheads in a list, by name, or of a printhead's channels, by number, in the order in which they
+/// were met.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Places(HashMap<u32, usize>);
+pub struct Places<K: Eq + Hash>(HashMap<K, usize>);
 
-impl Places {
-    /// The place of a channel; `add` is called with the place of one that is new. `None`: there are too many channels.
-    pub fn of(&mut self, channel: u32, add: impl FnOnce(usize)) -> Option<usize> {
+impl<K: Clone + Eq + Hash> Places<K> {
+    pub fn get(&self, key: &K) -> Option<usize> {
+        self.0.get(key).copied()
+    }
+
+    /// The place of a key; `add` is called with the place of one that is new. `None`: it is new, and there are `most`
+    /// already.
+    pub fn of(&mut self, key: &K, most: usize, add: impl FnOnce(usize)) -> Option<usize> {
         let new = self.0.len();
-        if let Some(&known) = self.0.get(&channel) {
-            return Some(known);
-        }
-        (new < MOST_CHANNELS).then(|| {
-            self.0.insert(channel, new);
-            add(new);
-            new
+        self.get(key).or_else(|| {
+            (new < most).then(|| {
+                self.0.insert(key.clone(), new);
+                add(new);
+                new
+            })
         })
     }
 }

@@ -33,17 +33,12 @@ pub struct Gap {
     pub recording: String,
     /// Index of that recording among the sources; several recordings may have one name.
     #[serde(skip)]
-    source: usize,
+    pub source: usize,
     /// Number of recordings concerned.
     pub recordings: u64,
 }
 
 impl Gap {
-    /// Index of the latest recording concerned among the sources.
-    pub fn source(&self) -> usize {
-        self.source
-    }
-
     /// A gap of a printhead in one recording, the source with the index `at`.
     fn of_head(head: &Head, what: String, at: usize, sources: &[Source]) -> Option<Gap> {
         let recording = sources.get(at)?.name.clone();

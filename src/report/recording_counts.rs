@@ -9,7 +9,7 @@
 //! once. A row counts as judged unless it was rejected, or the head changed or its channel froze, and as flagged if
 //! it was judged and not healthy.
 
-use super::counts::{InRecording, Places, Tally};
+use super::counts::{InRecording, MOST_CHANNELS, Places, Tally};
 use super::map::{HeadMap, class};
 use super::night::whole;
 use super::watch::{Flagged, Size, Watched};
@@ -17,7 +17,7 @@ use inkling_core::episodes::Episode;
 use inkling_core::fault;
 use inkling_core::verdict::{Outcome, Reason, VerdictColumns};
 use serde::{Deserialize, Serialize};
-use std::collections::{BTreeMap, HashMap};
+use std::collections::BTreeMap;
 use std::ops::Range;
 use std::sync::Arc;
 
@@ -35,9 +35,9 @@ pub struct RecordingCounts {
     /// Number of rows beyond `MOST_PRINTHEADS` and `MOST_CHANNELS`. Nothing else counts them.
     pub left_out: u64,
     pub has_maps: bool,
-    /// Index into `heads`, by name, while rows are added.
+    /// Into `heads`, while rows are added.
     #[serde(skip)]
-    by_name: HashMap<Arc<str>, usize>,
+    places: Places<Arc<str>>,
 }
 
 /// One printhead in one recording.
@@ -51,7 +51,7 @@ pub struct HeadCounts {
     pub map: Option<HeadMap>,
     /// Into `channels`, while rows are added.
     #[serde(skip)]
-    places: Places,
+    places: Places<u32>,
 }
 
 /// The names to which the indices in a recording's columns refer.
@@ -116,17 +116,10 @@ impl RecordingCounts {
 
     /// The index of a printhead, which is added if it is new; `None` if there are too many printheads.
     fn head(&mut self, name: &Arc<str>) -> Option<usize> {
-        if let Some(&at) = self.by_name.get(name) {
-            return Some(at);
-        }
-        let at = self.heads.len();
-        if at >= MOST_PRINTHEADS {
-            return None;
-        }
-        let map = (self.has_maps && at < MOST_MAPS).then(HeadMap::default);
-        self.by_name.insert(name.clone(), at);
-        self.heads.push(HeadCounts { name: name.clone(), map, ..HeadCounts::default() });
-        Some(at)
+        self.places.of(name, MOST_PRINTHEADS, |at| {
+            let map = (self.has_maps && at < MOST_MAPS).then(HeadMap::default);
+            self.heads.push(HeadCounts { name: name.clone(), map, ..HeadCounts::default() });
+        })
     }
 }
 
@@ -149,7 +142,7 @@ impl HeadCounts {
             return Some(guess);
         }
         let HeadCounts { channels, map, places, .. } = self;
-        places.of(channel, |place| {
+        places.of(&channel, MOST_CHANNELS, |place| {
             channels.push(InRecording { channel, ..InRecording::default() });
             map.iter_mut().for_each(|map| map.make_room(place + 1));
         })
@@ -245,7 +238,6 @@ fn shown(c: &VerdictColumns, row: usize, codes: &[u8]) -> u8 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::counts::MOST_CHANNELS;
     use super::super::fixtures::{NAMELESS, verdicts};
     use super::*;
 

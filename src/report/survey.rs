@@ -7,14 +7,14 @@
 //! The episodes come first, because they decide which channels are watched, and which printheads
 //! get a map.
 
-use super::counts::{ChannelCount, Places, Tally};
+use super::counts::{ChannelCount, MOST_CHANNELS, Places, Tally};
 use super::map::{HeadMap, Picture};
 use super::recording_counts::{
     HeadCounts, KNOWN_CATEGORIES, MOST_PRINTHEADS, RecordingCounts, code,
 };
 use super::watch::{Spell, Watch};
 use inkling_core::episodes::Episode;
-use std::collections::{BTreeMap, HashMap};
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 /// Number of printheads that get a map, those with the most faulty channels first.
@@ -26,7 +26,7 @@ pub struct Head {
     pub name: Arc<str>,
     pub channels: Vec<ChannelCount>,
     /// Into `channels`.
-    places: Places,
+    places: Places<u32>,
     pub watches: Vec<Watch>,
     /// The map of the printhead; `None` if it is beyond the number of printheads that are drawn, here or in one of
     /// the recordings.
@@ -41,8 +41,8 @@ pub struct Head {
 #[derive(Debug, Default)]
 pub struct Survey {
     pub heads: Vec<Head>,
-    /// Index into `heads`, by name.
-    by_name: HashMap<Arc<str>, usize>,
+    /// Into `heads`.
+    places: Places<Arc<str>>,
     /// `KNOWN_CATEGORIES`, then others in the order in which they are met.
     pub categories: Vec<String>,
     /// Number of signals that are not counted one by one, as they are of too many printheads or channels, by recording.
@@ -89,7 +89,7 @@ impl Survey {
 
     /// The printhead of this name.
     pub fn get(&self, name: &Arc<str>) -> Option<&Head> {
-        Some(&self.heads[*self.by_name.get(name)?])
+        Some(&self.heads[self.places.get(name)?])
     }
 
     /// All channels of all printheads.
@@ -125,20 +125,10 @@ impl Survey {
 
     /// The index of a printhead, which is added if it is new; `None` if there are too many printheads.
     fn head(&mut self, name: &Arc<str>) -> Option<usize> {
-        if let Some(&at) = self.by_name.get(name) {
-            return Some(at);
-        }
-        let at = self.heads.len();
-        if at >= MOST_PRINTHEADS {
-            return None;
-        }
-        self.by_name.insert(name.clone(), at);
-        self.heads.push(Head {
-            name: name.clone(),
-            map: (at < self.maps).then(HeadMap::default),
-            ..Head::default()
-        });
-        Some(at)
+        self.places.of(name, MOST_PRINTHEADS, |at| {
+            let map = (at < self.maps).then(HeadMap::default);
+            self.heads.push(Head { name: name.clone(), map, ..Head::default() });
+        })
     }
 }
 
@@ -169,7 +159,7 @@ impl Head {
     /// channels.
     fn place(&mut self, channel: u32) -> Option<usize> {
         let Head { channels, map, places, .. } = self;
-        places.of(channel, |place| {
+        places.of(&channel, MOST_CHANNELS, |place| {
             channels.push(ChannelCount::new(channel));
             map.iter_mut().for_each(|map| map.make_room(place + 1));
         })

@@ -32,7 +32,7 @@ pub struct BaselineFile {
     /// Hash of its bytes; `None`: there was no file.
     hash: Option<u128>,
     /// What is wrong with the file if it belongs to another design: then it counts as not there.
-    of_another_design: Option<String>,
+    pub of_another_design: Option<String>,
 }
 
 /// New baselines, complete in a file beside the old one; dropping them removes that file.
@@ -52,11 +52,6 @@ impl BaselineFile {
     /// Digest of the file when it was read or written last; `None`: there was none of this design.
     pub fn digest(&self) -> Option<String> {
         self.hash.filter(|_| self.of_another_design.is_none()).map(in_words)
-    }
-
-    /// Says of a file of another design what is wrong with it.
-    pub fn of_another_design(&self) -> Option<&str> {
-        self.of_another_design.as_deref()
     }
 
     /// Refuses the file of another design, for callers that may not put it aside.

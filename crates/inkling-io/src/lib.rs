@@ -13,7 +13,7 @@
 //!
 //! ```text
 //! recordings  recording mcap_summary peek source scan block block_reader chunk_loader decompress
-//!             mcap_records channels burst_codec dialect followed growth digest census damage;
+//!             mcap_records channels burst_codec dialect followed digest census damage;
 //!             written by recording_writer mcap_file memory_recording
 //! results     verdict_* column column_types row_table episode_table summary_file annotation_writer
 //!             baseline_file result_file
@@ -48,7 +48,6 @@ pub mod digest;
 pub mod episode_table;
 pub mod file_error;
 mod followed;
-pub mod growth;
 mod input_pattern;
 pub mod inputs;
 pub mod job;
@@ -62,7 +61,7 @@ pub mod memory_recording;
 pub mod objects;
 pub mod outputs;
 mod parquet_claims;
-mod parquet_file;
+pub mod parquet_file;
 pub mod part_file;
 pub mod peek;
 pub mod plain_columns;

@@ -67,7 +67,9 @@ pub fn of_bursts(label: &str, bursts: &[Burst]) -> Result<Recording, RecordingEr
         channels: Arc::new(channels),
         // so that several readers can take the blocks side by side
         channels_known_upfront: true,
-        ..Recording::of_source(path, source, Limits::default(), &none)?.unindexed(&none)
+        // that there is no summary
+        damage: Vec::new(),
+        ..Recording::of_source(path, source, Limits::default(), &none, None)?
     })
 }
 

@@ -113,10 +113,10 @@ pub struct Page {
 pub fn page(header: impl Read, compressed: bool) -> Result<Page, ThriftError> {
     let mut walk = Walk::new(header, MOST_OF_A_PAGE);
     walk.fields(PAGE, 0)?;
-    let wanted = |place| walk.wanted(place).ok_or(ThriftError::Malformed);
+    let wanted = |place: usize| walk.wanted[place].ok_or(ThriftError::Malformed);
     let (plain, stored) = (u64::from(wanted(PLAIN_BYTES)?), u64::from(wanted(STORED_BYTES)?));
     let page = Page {
-        header_bytes: walk.read(),
+        header_bytes: walk.read,
         stored_bytes: stored,
         values: wanted(VALUES)?.into(),
         is_dictionary: wanted(KIND)? == DICTIONARY_PAGE,

@@ -110,7 +110,18 @@ impl ParquetFile {
     }
 }
 
-pub fn footer_of(mut file: &File) -> io::Result<Option<Range<u64>>> {
+/// The footer of a Parquet file, which says where in it which values lie, and what they are of. Empty: the file has
+/// none, or a larger one than is asked for.
+pub fn footer(mut file: &File, most_bytes: u64) -> io::Result<Vec<u8>> {
+    let is_small = |of: &Range<u64>| of.start >= 4 && of.end - of.start <= most_bytes;
+    let Some(of) = footer_of(file)?.filter(is_small) else { return Ok(Vec::new()) };
+    let mut footer = vec![0; (of.end - of.start) as usize];
+    file.seek(SeekFrom::Start(of.start))?;
+    file.read_exact(&mut footer)?;
+    Ok(footer)
+}
+
+fn footer_of(mut file: &File) -> io::Result<Option<Range<u64>>> {
     let mut footer = [0; FOOTER_BYTES as usize];
     let Some(end) = file.len().checked_sub(FOOTER_BYTES) else { return Ok(None) };
     file.seek(SeekFrom::Start(end))?;

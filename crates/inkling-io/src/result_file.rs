@@ -11,14 +11,13 @@
 //! pages by a mark in the first 1024 bytes.
 
 use super::mcap_records::{MAGIC, RECORD_HEADER};
-use super::parquet_file::footer_of;
+use super::parquet_file::footer;
 use super::regular_file;
 use serde::de::IgnoredAny;
 use std::collections::BTreeMap;
 use std::fmt;
 use std::fs::File;
-use std::io::{BufRead, BufReader, Read, Seek, SeekFrom};
-use std::ops::Range;
+use std::io::{BufRead, BufReader, Read, Seek};
 use std::path::Path;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -98,7 +97,7 @@ impl ResultFile {
         let is = |is: bool, kind: ResultFile| is.then_some(kind);
         Ok(match head.as_slice() {
             [b'P', b'A', b'R', b'1', ..] => {
-                let footer = footer(&mut file)?;
+                let footer = footer(&file, MOST_FOOTER_BYTES)?;
                 let has = |part: &[u8]| footer.windows(part.len()).any(|of| of == part);
                 let kind = if has(URGENCY) { ResultFile::Faults } else { ResultFile::Table };
                 is(has(OURS), kind)
@@ -179,17 +178,12 @@ fn library(head: &[u8]) -> Option<&[u8]> {
 /// The kind of a file of JSON, which is one document or lines of documents. A journal whose only
 /// line was cut short by a power cut is known by how it begins.
 fn of_json(mut file: File) -> std::io::Result<Option<ResultFile>> {
-    let keys = |text: &[u8]| serde_json::from_slice::<BTreeMap<String, IgnoredAny>>(text).ok();
-    let of = |keys: BTreeMap<String, IgnoredAny>| {
-        let has = |all: &[&str]| all.iter().all(|key| keys.contains_key(*key));
-        BY_KEYS.iter().find(|(_, all)| has(all)).map(|(kind, _)| *kind)
-    };
     // 1. the first line by itself: all of a document on one line, or a line of a journal
     file.rewind()?;
     let (mut file, mut text) = (BufReader::new(file), Vec::new());
     file.by_ref().take(MOST_LINE_BYTES).read_until(b'\n', &mut text)?;
     if let Some(keys) = keys(&text) {
-        return Ok(of(keys)); // a journal may be long, and each of its lines says what it is
+        return Ok(by_keys(keys)); // a journal may be long, and each of its lines says what it is
     }
     // 2. the whole file as one document; else its first line that is a document, unless the first
     //    line is a bracket alone, as in a document over several lines
@@ -200,9 +194,21 @@ fn of_json(mut file: File) -> std::io::Result<Option<ResultFile>> {
     let is_of_state = text.windows(9).any(|part| part == b",\"design\"");
     let is_torn = text.starts_with(b"{\"version\":") && !text.contains(&b'\n') && !is_of_state;
     Ok(match keys(&text).or_else(lines) {
-        Some(keys) => of(keys),
+        Some(keys) => by_keys(keys),
         None => is_torn.then_some(ResultFile::Journal),
     })
+}
+
+/// The keys of a document of JSON.
+type Keys = BTreeMap<String, IgnoredAny>;
+
+fn keys(text: &[u8]) -> Option<Keys> {
+    serde_json::from_slice(text).ok()
+}
+
+fn by_keys(keys: Keys) -> Option<ResultFile> {
+    let has = |all: &[&str]| all.iter().all(|key| keys.contains_key(*key));
+    BY_KEYS.iter().find(|(_, all)| has(all)).map(|(kind, _)| *kind)
 }
 
 /// Whether a text that begins otherwise, as after a power failure, has a line of a journal.
@@ -210,12 +216,7 @@ fn holds_line_of_journal(mut file: File) -> std::io::Result<bool> {
     file.rewind()?;
     let mut text = Vec::new();
     file.take(MOST_LINE_BYTES).read_to_end(&mut text)?;
-    let of_journal = BY_KEYS.iter().find(|(kind, _)| *kind == ResultFile::Journal);
-    let is_line = |line: &[u8]| {
-        let keys = serde_json::from_slice::<BTreeMap<String, IgnoredAny>>(line).ok();
-        keys.zip(of_journal)
-            .is_some_and(|(keys, (_, of))| of.iter().all(|key| keys.contains_key(*key)))
-    };
+    let is_line = |line| keys(line).and_then(by_keys) == Some(ResultFile::Journal);
     Ok(text.split(|byte| *byte == b'\n').any(is_line))
 }
 
@@ -233,15 +234,6 @@ pub fn is_cut(path: &Path) -> bool {
         serde_json::from_reader::<_, IgnoredAny>(text).err()
     };
     is_ours && end().is_some_and(|e| e.is_eof())
-}
-
-fn footer(file: &mut File) -> std::io::Result<Vec<u8>> {
-    let is_small = |of: &Range<u64>| of.start >= 4 && of.end - of.start <= MOST_FOOTER_BYTES;
-    let Some(of) = footer_of(file)?.filter(is_small) else { return Ok(Vec::new()) };
-    let mut footer = vec![0; (of.end - of.start) as usize];
-    file.seek(SeekFrom::Start(of.start))?;
-    file.read_exact(&mut footer)?;
-    Ok(footer)
 }
 
 #[cfg(test)]

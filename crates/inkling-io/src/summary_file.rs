@@ -8,6 +8,7 @@
 
 use super::regular_file::{self, if_there};
 use super::verdict_reader::document_of;
+use super::verdict_table::TableError;
 use super::{digest, printable, stored};
 use serde_json::{Map, Value, json};
 use std::path::{Path, PathBuf};
@@ -40,25 +41,20 @@ pub fn read(path: &Path) -> Result<Option<Value>, String> {
     let Some(bytes) = bytes else { return Ok(None) };
     let document: Value = serde_json::from_slice(&bytes)
         .map_err(|e| failed(format!("is no summary: {}", printable::of_parser(&e))))?;
-    match document.is_object() {
-        true => Ok(Some(reported(document))),
-        false => Err(failed("is no summary: not an object".into())),
+    let not_an_object = || failed("is no summary: not an object".into());
+    reported(document).map(Some).ok_or_else(not_an_object)
+}
+
+/// Null if there is no metadata document.
+pub fn of_table(verdicts: &Path) -> Result<Value, TableError> {
+    Ok(reported(document_of(verdicts)?).unwrap_or_default())
+}
+
+/// `None`: the document is no object.
+fn reported(mut document: Value) -> Option<Value> {
+    if !document.is_object() {
+        return None;
     }
-}
-
-pub fn of_metadata(json: Option<&str>) -> Value {
-    json.and_then(|json| serde_json::from_str(json).ok())
-        .filter(Value::is_object)
-        .map(reported)
-        .unwrap_or_default()
-}
-
-/// Its keys are null if there is no metadata document.
-pub fn of_table(verdicts: &Path) -> Value {
-    reported(document_of(verdicts))
-}
-
-fn reported(mut document: Value) -> Value {
     let mut kept: Map<String, Value> =
         OF_RECORDING.iter().map(|key| ((*key).to_owned(), taken(&mut document, key))).collect();
     // by what it was judged, in short
@@ -79,7 +75,7 @@ fn reported(mut document: Value) -> Value {
     };
     let models = list(&mut document, "models").into_iter().filter(Value::is_object).map(model);
     kept.insert("models".into(), models.collect());
-    Value::Object(kept)
+    Some(Value::Object(kept))
 }
 
 fn taken(of: &mut Value, key: &str) -> Value {
@@ -96,7 +92,7 @@ mod tests {
         let whole = json!({"counts": {"bursts": 3}, "damage": [{"what": "x"}], "rates": [1],
             "models": [{"printhead": "p", "poles": {"frequency_hz": 1.0}, "covariance": [1]}, 3],
             "settings": {"detect": {"mu": 1.0}, "isolate": {}}});
-        let kept = reported(whole);
+        let kept = reported(whole).unwrap();
         assert_eq!(kept["counts"]["bursts"], 3);
         let model = json!({"printhead": "p", "valid_from": null,
             "temperature_c": null, "poles": {"frequency_hz": 1.0}});
@@ -104,8 +100,8 @@ mod tests {
         assert_eq!(kept["damage"], json!({"places": 1, "first": "x"}));
         assert_eq!(kept["settings"], json!({"detect": {"mu": 1.0}}));
         assert!(kept.get("rates").is_none());
-        for bad in [Some("[1, 2"), Some("[1, 2]"), Some("3"), None] {
-            assert!(of_metadata(bad).is_null(), "{bad:?}");
+        for bad in [json!([1, 2]), json!(3), json!(null)] {
+            assert_eq!(reported(bad), None);
         }
     }
 

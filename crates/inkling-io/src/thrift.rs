@@ -66,21 +66,15 @@ pub struct Walk<R> {
     bytes: R,
     /// Elements that lists, sets and maps together may still claim.
     left: u64,
-    read: u64,
-    wanted: [Option<u32>; MOST_WANTED],
+    /// Bytes that were read.
+    pub read: u64,
+    /// The numbers that are asked for ([`Shape`]), by their places, as far as they were met.
+    pub wanted: [Option<u32>; MOST_WANTED],
 }
 
 impl<R: Read> Walk<R> {
     pub fn new(bytes: R, elements: u64) -> Walk<R> {
         Walk { bytes, left: elements, read: 0, wanted: [None; MOST_WANTED] }
-    }
-
-    pub fn read(&self) -> u64 {
-        self.read
-    }
-
-    pub fn wanted(&self, place: usize) -> Option<u32> {
-        self.wanted[place]
     }
 
     /// Walks the fields of a record. A byte begins each; a distance of 0 in it means that the
@@ -240,7 +234,7 @@ mod tests {
 
     fn walk(bytes: &[u8], elements: u64, shapes: &'static [Shape]) -> Result<u64, ThriftError> {
         let mut walk = Walk::new(bytes, elements);
-        walk.fields(shapes, 0).map(|()| walk.read())
+        walk.fields(shapes, 0).map(|()| walk.read)
     }
 
     #[test]
@@ -302,7 +296,7 @@ mod tests {
         const SHAPES: &[Shape] = &[Shape::Wanted(0), Shape::Wanted(1), Shape::Wanted(0)];
         let mut wanted = Walk::new(&[0x15, 0x80, 2, 0x15, 0, 0][..], 0);
         assert_eq!(wanted.fields(SHAPES, 0), Ok(()));
-        assert_eq!([0, 1, 2].map(|place| wanted.wanted(place)), [Some(128), Some(0), None]);
+        assert_eq!([0, 1, 2].map(|place| wanted.wanted[place]), [Some(128), Some(0), None]);
         assert_eq!(walk(&[0x15, 1, 0], 0, SHAPES), Err(ClaimsTooMuch), "-1");
         let greater = [0x16, 0x80, 0x80, 0x80, 0x80, 0x10, 0];
         assert_eq!(walk(&greater, 0, SHAPES), Err(ClaimsTooMuch), "2^31");

@@ -27,7 +27,6 @@ const BATCH_ROWS: usize = 1 << 13;
 pub struct VerdictReader {
     path: PathBuf,
     batches: ParquetRecordBatchReader,
-    metadata_json: Option<String>,
     classes: Names,
     categories: Names,
 }
@@ -35,21 +34,17 @@ pub struct VerdictReader {
 impl VerdictReader {
     /// Opens a table with all columns. Errors say that the file cannot be read, or is no Parquet file.
     pub fn open(path: &Path) -> Result<VerdictReader, TableError> {
-        VerdictReader::of_columns(path, None)
+        VerdictReader::open_columns(path, None)
     }
 
-    pub fn open_columns(path: &Path, names: &[&str]) -> Result<VerdictReader, TableError> {
-        VerdictReader::of_columns(path, Some(names))
-    }
-
-    fn of_columns(path: &Path, names: Option<&[&str]>) -> Result<VerdictReader, TableError> {
+    /// The same with these columns; `None`: all.
+    pub fn open_columns(path: &Path, names: Option<&[&str]>) -> Result<VerdictReader, TableError> {
         let mut builder = open(path)?;
         if let Some(names) = names {
             let mask = ProjectionMask::columns(builder.parquet_schema(), names.iter().copied());
             builder = builder.with_projection(mask);
         }
-        let metadata_json = metadata_json(builder.metadata());
-        let document = document(metadata_json.as_deref());
+        let document = document(builder.metadata());
         Ok(VerdictReader {
             path: path.to_path_buf(),
             batches: builder
@@ -58,14 +53,7 @@ impl VerdictReader {
                 .map_err(TableError::parquet(path))?,
             classes: Names::of(&document["classes"]),
             categories: Names::of(&document["categories"]),
-            metadata_json,
         })
-    }
-
-    /// The text of the metadata document under the key `inkling`, if the file still has it; other
-    /// tools may drop it.
-    pub fn metadata_json(&self) -> Option<&str> {
-        self.metadata_json.as_deref()
     }
 
     /// The names that the indices of `fault` and `candidate` mean: the metadata's classes, then
@@ -141,18 +129,15 @@ impl Iterator for VerdictReader {
 }
 
 /// The metadata document under the key `inkling` of a table that this program wrote, of verdicts or of
-/// episodes. Null: the file has none, or cannot be read.
-pub fn document_of(path: &Path) -> serde_json::Value {
-    open(path).map(|table| document(metadata_json(table.metadata()).as_deref())).unwrap_or_default()
+/// episodes. Null: the file has none, since other tools may drop it, or it is no JSON.
+pub fn document_of(path: &Path) -> Result<serde_json::Value, TableError> {
+    Ok(document(open(path)?.metadata()))
 }
 
-fn metadata_json(of: &ParquetMetaData) -> Option<String> {
-    let entries = of.file_metadata().key_value_metadata()?;
-    entries.iter().find(|entry| entry.key == METADATA_KEY)?.value.clone()
-}
-
-/// The metadata document, parsed; null if there is none or it is no JSON.
-fn document(json: Option<&str>) -> serde_json::Value {
+fn document(of: &ParquetMetaData) -> serde_json::Value {
+    let mut entries = of.file_metadata().key_value_metadata().into_iter().flatten();
+    let entry = entries.find(|entry| entry.key == METADATA_KEY);
+    let json = entry.and_then(|entry| entry.value.as_deref());
     json.and_then(|json| serde_json::from_str(json).ok()).unwrap_or_default()
 }
 

@@ -91,7 +91,7 @@ pub struct VerdictWriter {
     options: TableOptions,
     group: Option<RowGroup>,
     groups: usize,
-    rows: u64,
+    pub rows: u64,
 }
 
 struct RowGroup {
@@ -150,10 +150,6 @@ impl VerdictWriter {
             self.group = Some(group);
         }
         Ok(())
-    }
-
-    pub fn rows(&self) -> u64 {
-        self.rows
     }
 
     /// Writes the last row group and the metadata document. The file is complete then, but still

@@ -45,7 +45,7 @@ pub struct Args {
     /// Channels' own healthy baselines: read if the file is there, brought up to date at the end;
     /// recordings are then judged in the order of their start times
     #[arg(long, value_name = "FILE")]
-    pub(super) baseline: Option<PathBuf>,
+    pub(in crate::cli) baseline: Option<PathBuf>,
     /// Judge by the design's models as they are, or identify again on healthy windows
     /// [default: design where --design is given, else windows]
     #[arg(long, value_parser = ["design", "windows"])]
@@ -102,7 +102,7 @@ pub struct Args {
     pub(super) json: bool,
     /// Whether whoever calls this tells what all recordings come to.
     #[arg(skip)]
-    is_told_by_others: bool,
+    pub(super) is_told_by_others: bool,
 }
 
 impl Args {
@@ -110,15 +110,5 @@ impl Args {
     pub fn of_night(recordings: Vec<String>, config: PathBuf, set: Vec<String>) -> Args {
         let is_told_by_others = true;
         Args { recordings, config: Some(config), set, is_told_by_others, ..Args::default() }
-    }
-
-    /// Whether the run itself tells what all recordings come to.
-    pub fn tells_all(&self) -> bool {
-        !self.is_told_by_others
-    }
-
-    /// Keeps the state in this file.
-    pub fn keep_state(&mut self, baseline: PathBuf) {
-        self.baseline = Some(baseline);
     }
 }

@@ -132,7 +132,7 @@ fn checked_and_judged(
     if args.dry_run {
         return plan::print(&jobs, &lost, args.json);
     }
-    let other = baseline_file.as_ref().and_then(BaselineFile::of_another_design);
+    let other = baseline_file.as_ref().and_then(|file| file.of_another_design.as_ref());
     let begun_anew = other.map(|what| {
         let file = &replay.settings.input.baseline;
         format!("--baseline: {what}: that file is kept as {file}.stale, and all begins anew")
@@ -202,7 +202,7 @@ fn checked_and_judged(
             timings: args.timings,
             annotate: args.annotate,
             is_alone,
-            tells_all: args.tells_all(),
+            tells_all: !args.is_told_by_others,
             failures: 0,
         },
     };

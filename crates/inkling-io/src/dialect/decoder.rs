@@ -182,14 +182,12 @@ impl ReadMessage<'_> {
     /// The error for a value that is not what it should be.
     fn wrong(&self, path: &FieldPath, what: &str) -> NoBurst {
         let is_time = matches!(&self.plan.dialect.time, TimeSource::Path(of) if of == path);
-        let time = self.plan.time.as_ref().filter(|_| is_time);
         let value = match self.message.find(path) {
             Some(Value::Number(number)) => number.to_string(),
             Some(Value::Text(text)) => format!("{:?}", printable::cell(text)),
             Some(Value::Array(_) | Value::Numbers(_)) => "an array".into(),
-            Some(Value::Other) => {
-                time.map_or("what it holds".into(), |time| self.message.time_in_words(time))
-            }
+            Some(Value::Other) if is_time => self.message.time_in_words(path),
+            Some(Value::Other) => "what it holds".into(),
             None => "no value".into(),
         };
         NoBurst::undecodable(format!("{path}: {value} {what}"))
@@ -261,7 +259,7 @@ impl ReadMessage<'_> {
                 Some(number) => ns_of(number, self.plan.time_unit_ns, log_ns),
                 None => chrono::DateTime::parse_from_rfc3339(text).ok()?.timestamp_nanos_opt(),
             },
-            Value::Other => self.message.time_ns(self.plan.time.as_ref()?),
+            Value::Other => self.message.time_ns(path),
             Value::Array(_) | Value::Numbers(_) => None,
         }
     }

@@ -64,9 +64,7 @@ const OF_SAMPLES: &str = "sample samples time t column columns width";
 /// Why the number of channels in the settings cannot be that of a message; `None`: it may be.
 pub fn contradiction(plan: &Plan, message: &Bytes) -> Option<String> {
     let Source::Constant(channels) = plan.dialect.channels else { return None };
-    let message = plan.reading.decode(message).ok()?;
-    let fields = plan.reading.fields(Some(&message));
-    let first = FirstMessage { message: &message, fields: &fields };
+    let first = FirstMessage::of(&plan.reading, message).ok()?;
     let Dimensions { sizes: [outer, inner], layout, .. } =
         dimensions(&first, &plan.dialect.samples.to_string())?;
     let fits = [outer, inner].iter().any(|size| *size as f64 == channels);

@@ -5,12 +5,15 @@
 //! by field; fields as the user is shown them ([`ShownField`]).
 
 use super::fields::{FieldInfo, Kind, Slot};
-use super::message::{Message, TimePaths};
+use super::message::Message;
 use super::path::FieldPath;
+use super::plan::Reading;
 use super::value::{self, Number, Value};
 use crate::printable;
+use bytes::Bytes;
 use chrono::{DateTime, SecondsFormat};
 use inkling_core::burst::Format;
+use inkling_core::verdict::Reason;
 
 /// A first message that is larger is not looked at: 4096 channels of 1024 samples of int16.
 pub const MOST_MESSAGE_BYTES: usize = 8 << 20;
@@ -45,12 +48,18 @@ pub struct MessageSamples {
     pub format: Option<Format>,
 }
 
-pub struct FirstMessage<'a> {
-    pub message: &'a Message,
-    pub fields: &'a [FieldInfo],
+pub struct FirstMessage {
+    message: Message,
+    pub fields: Vec<FieldInfo>,
 }
 
-impl FirstMessage<'_> {
+impl FirstMessage {
+    /// The error is that of [`Reading::decode`].
+    pub fn of(reading: &Reading, message: &Bytes) -> Result<FirstMessage, Reason> {
+        let message = reading.decode(message)?;
+        Ok(FirstMessage { fields: reading.fields(&message), message })
+    }
+
     pub fn shown(&self, field: &FieldInfo) -> ShownField {
         let several = field.list || field.kind == Kind::Bytes;
         let samples = several.then(|| self.samples(field)).flatten();
@@ -93,8 +102,7 @@ impl FirstMessage<'_> {
             (Kind::Text | Kind::Time, Value::Text(text)) => Some(printable::cell(text)),
             (Kind::Time, _) => {
                 let path = FieldPath::try_from(field.path.clone()).ok()?;
-                let time =
-                    DateTime::from_timestamp_nanos(self.message.time_ns(&TimePaths::of(&path))?);
+                let time = DateTime::from_timestamp_nanos(self.message.time_ns(&path)?);
                 Some(time.to_rfc3339_opts(SecondsFormat::Nanos, true))
             }
             _ => None,

@@ -49,9 +49,7 @@ pub fn guess(written: &ChannelDescription, message: &Bytes, topics: &[&str]) -> 
         return None;
     }
     let reading = Reading::of(written).ok()?;
-    let message = reading.decode(message).ok()?;
-    let fields = reading.fields(Some(&message));
-    let first = FirstMessage { message: &message, fields: &fields };
+    let first = FirstMessage::of(&reading, message).ok()?;
     let (field, samples) = first.likely_samples().filter(|(of, _)| !first.is_one_of_several(of))?;
 
     let (toml, open) = (String::from("[[input.dialect]]\n"), Vec::new());
@@ -59,7 +57,7 @@ pub fn guess(written: &ChannelDescription, message: &Bytes, topics: &[&str]) -> 
     guess.say_all(written.schema, field, topics);
     let Guess { toml, open, .. } = guess;
 
-    let there = fields.iter().filter(|field| field.kind != Kind::Message).take(MOST_SHOWN);
+    let there = first.fields.iter().filter(|field| field.kind != Kind::Message).take(MOST_SHOWN);
     let fields = there.map(|field| first.shown(field)).collect();
     Some(Proposal { toml, open, fields })
 }
@@ -75,7 +73,7 @@ pub struct Proposal {
 
 struct Guess<'a> {
     topic: &'a str,
-    first: &'a FirstMessage<'a>,
+    first: &'a FirstMessage,
     samples: &'a MessageSamples,
     toml: String,
     open: Vec<String>,
@@ -109,7 +107,7 @@ impl Guess<'_> {
     /// Writes the field that has one of these names, unless its name says another unit (one of the words `others`): a
     /// dialect has no units, and numbers in another one would be believed.
     fn say_in_unit(&mut self, key: &str, names: &Names, slot: Slot, (unit, others): (&str, &str)) {
-        match find(self.first.fields, names, slot) {
+        match find(&self.first.fields, names, slot) {
             Some(path) if has_word(path.rsplit('.').next().unwrap_or_default(), others) => {
                 let _ = writeln!(self.toml, "# {key}: left out, as {path} is not in {unit}");
             }
@@ -170,8 +168,8 @@ impl Guess<'_> {
     fn is_of_one_channel(&self) -> bool {
         let is_flat = self.samples.outer.is_none();
         is_flat
-            && find(self.first.fields, &CHANNELS, Slot::Channels).is_none()
-            && find(self.first.fields, &CHANNEL, Slot::FirstChannel).is_some()
+            && find(&self.first.fields, &CHANNELS, Slot::Channels).is_none()
+            && find(&self.first.fields, &CHANNEL, Slot::FirstChannel).is_some()
     }
 
     /// Writes the field of the time: one that is named like a time, before all a message of seconds and
@@ -201,7 +199,7 @@ impl Guess<'_> {
 
     /// Writes the field that has one of these names, if there is one; gives whether there is.
     fn say_named(&mut self, key: &str, names: &Names, slot: Slot, why: &str) -> bool {
-        let path = find(self.first.fields, names, slot);
+        let path = find(&self.first.fields, names, slot);
         if let Some(path) = &path {
             self.say(key, &quoted(path), why);
         }
@@ -211,7 +209,7 @@ impl Guess<'_> {
     /// Writes the printhead's name: a field, else the part of the topic in which the topics differ, else its
     /// second part.
     fn say_printhead(&mut self, varies: Option<usize>) {
-        if let Some(path) = find(self.first.fields, &PRINTHEAD, Slot::Text) {
+        if let Some(path) = find(&self.first.fields, &PRINTHEAD, Slot::Text) {
             return self.say("printhead", &quoted(&format!("{{{path}}}")), "");
         }
         // topics that differ in their channel say the printhead elsewhere

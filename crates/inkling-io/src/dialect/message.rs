@@ -27,24 +27,25 @@ impl Message {
         }
     }
 
-    fn first(&self, paths: &[FieldPath]) -> Option<Value<'_>> {
-        paths.iter().find_map(|path| self.find(path))
+    /// The first field of the message at `path` that has one of these names.
+    fn first(&self, path: &FieldPath, names: &[&str]) -> Option<Value<'_>> {
+        names.iter().find_map(|name| self.find(&path.child(name)))
     }
 
-    /// What such a message says that is no time.
-    pub fn time_in_words(&self, paths: &TimePaths) -> String {
-        let word = |paths: &[FieldPath]| match self.first(paths).and_then(|value| value.number()) {
+    /// What the message at `path` says that is no time.
+    pub fn time_in_words(&self, path: &FieldPath) -> String {
+        let word = |names: &[&str]| match self.first(path, names).and_then(|of| of.number()) {
             Some(number) => number.to_string(),
             None => "no".into(),
         };
-        let (seconds, nanoseconds) = (word(&paths.seconds), word(&paths.nanoseconds));
+        let (seconds, nanoseconds) = (word(&SECONDS), word(&NANOSECONDS));
         format!("{seconds} seconds and {nanoseconds} nanoseconds")
     }
 
-    /// The time, ns since 1970, that a message within this one says as seconds and nanoseconds.
+    /// The time, ns since 1970, that the message at `path` says as seconds and nanoseconds.
     /// `None`: it has neither, or they are no time.
-    pub fn time_ns(&self, paths: &TimePaths) -> Option<i64> {
-        let (seconds, nanoseconds) = (self.first(&paths.seconds), self.first(&paths.nanoseconds));
+    pub fn time_ns(&self, path: &FieldPath) -> Option<i64> {
+        let (seconds, nanoseconds) = (self.first(path, &SECONDS), self.first(path, &NANOSECONDS));
         if seconds.is_none() && nanoseconds.is_none() {
             return None;
         }
@@ -52,21 +53,6 @@ impl Message {
         let nanoseconds = whole(nanoseconds).filter(|ns| (0..1_000_000_000).contains(ns))?;
         let ns = whole(seconds)?.checked_mul(1_000_000_000)?.checked_add(nanoseconds)?;
         i64::try_from(ns).ok()
-    }
-}
-
-/// Where the seconds and nanoseconds of a message that is a time may be.
-#[derive(Debug)]
-pub struct TimePaths {
-    seconds: Vec<FieldPath>,
-    nanoseconds: Vec<FieldPath>,
-}
-
-impl TimePaths {
-    /// `path` leads to the message.
-    pub fn of(path: &FieldPath) -> TimePaths {
-        let children = |names: &[&str]| names.iter().map(|name| path.child(name)).collect();
-        TimePaths { seconds: children(&SECONDS), nanoseconds: children(&NANOSECONDS) }
     }
 }
 

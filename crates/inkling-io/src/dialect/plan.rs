@@ -9,7 +9,7 @@
 //! Layers: `Reading` knows the schema; `Plan` adds the dialect and the printhead's name.
 
 use super::fields::{FieldInfo, Kind, Slot, listed};
-use super::message::{Message, TimePaths};
+use super::message::Message;
 use super::path::FieldPath;
 use super::protobuf::ProtobufMessage;
 use super::ros::RosMessage;
@@ -93,11 +93,10 @@ impl Reading {
     }
 
     /// The fields that there are: by the schema, or of JSON those of `message`.
-    pub fn fields(&self, message: Option<&Message>) -> Vec<FieldInfo> {
+    pub fn fields(&self, message: &Message) -> Vec<FieldInfo> {
         match (self.shape(), message) {
-            (Some(shape), _) => shape.fields(),
-            (None, Some(Message::Json(message))) => json::fields(message),
-            (None, _) => Vec::new(),
+            (_, Message::Json(message)) => json::fields(message),
+            (shape, _) => shape.map_or(Vec::new(), Shape::fields),
         }
     }
 
@@ -135,8 +134,6 @@ pub struct Plan {
     pub reading: Reading,
     /// The pattern of the printhead's name, with the parts of the topic put in.
     pub name: Vec<Part>,
-    /// If the burst's time is a field: where it has seconds and nanoseconds.
-    pub time: Option<TimePaths>,
     /// Of a field such as `t_us`: ns of the unit that its name says.
     pub time_unit_ns: Option<i64>,
 }
@@ -151,14 +148,11 @@ impl Plan {
             let checked = checked.and_then(|field| check_field(&field, key.slot, dialect.format));
             checked.map_err(|what| key.wrong(&what, &shape.fields()))?;
         }
-        let (time, time_unit_ns) = match &dialect.time {
-            TimeSource::Path(path) => {
-                let unit = path.steps().last().and_then(|step| unit_ns(&step.name));
-                (Some(TimePaths::of(path)), unit)
-            }
-            TimeSource::LogTime | TimeSource::PublishTime => (None, None),
+        let time_unit_ns = match &dialect.time {
+            TimeSource::Path(path) => path.steps().last().and_then(|step| unit_ns(&step.name)),
+            TimeSource::LogTime | TimeSource::PublishTime => None,
         };
-        Ok(Plan { dialect: dialect.clone(), reading, name, time, time_unit_ns })
+        Ok(Plan { dialect: dialect.clone(), reading, name, time_unit_ns })
     }
 
     /// Whether a field that is missing in a message is an error.

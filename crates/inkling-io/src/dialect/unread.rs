@@ -61,20 +61,16 @@ pub fn look<'p>(
             "a message has {largest} bytes, more than are looked into here"
         ));
     };
-    match (reading.decode(message), compressed_by(message)) {
-        (Ok(message), _) => {
-            let fields = reading.fields(Some(&message));
-            let first = FirstMessage { message: &message, fields: &fields };
-            match first.likely_samples() {
-                None => Look::Others,
-                Some((of, _)) if first.is_one_of_several(of) => Look::Undecodable(format!(
-                    "each channel is a message of its own, or a field ({}), of which a path reads one alone: \
-                     record an array of rows",
-                    printable::line(&of.path, 200)
-                )),
-                Some(_) => Look::Bursts,
-            }
-        }
+    match (FirstMessage::of(&reading, message), compressed_by(message)) {
+        (Ok(first), _) => match first.likely_samples() {
+            None => Look::Others,
+            Some((of, _)) if first.is_one_of_several(of) => Look::Undecodable(format!(
+                "each channel is a message of its own, or a field ({}), of which a path reads one alone: \
+                 record an array of rows",
+                printable::line(&of.path, 200)
+            )),
+            Some(_) => Look::Bursts,
+        },
         // whoever compresses messages one by one has large ones
         (Err(_), Some(name)) => Look::Undecodable(format!(
             "each message is compressed by itself ({name}): record them as they are"

@@ -116,7 +116,7 @@ impl Guess<'_> {
     }
 
     fn divisor(&self, names: &Names, slot: Slot) -> Option<Divisor> {
-        let path = find(self.first.fields, names, slot)?;
+        let path = find(&self.first.fields, names, slot)?;
         let n = self.first.count(&path)?;
         self.samples.numbers.len().is_multiple_of(n).then_some(Divisor { path, n })
     }
