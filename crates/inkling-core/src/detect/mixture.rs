@@ -308,8 +308,43 @@ for_processor! {
     }
 }
 
-fn of_bins(freedom: Freedom, at: &DVector<f64>) -> [f64; BINS] {
+for_processor! {
+    /// How ln of a density grows with t and with kappa, where t = first, first + step, ..
+    fn slopes_of_ln(a: f64, kappa: f64, first: f64, step: f64) -> [[f64; STEPS]; 2] {
+        let mut slopes = [[0.0; STEPS]; 2];
+        for i in 0..STEPS {
+            let t = first + step * i as f64;
+            let over = exp(t) / kappa;
+            let share = (a + kappa) * over / (1.0 + over);
+            slopes[0][i] = a - share;
+            slopes[1][i] = share / kappa - ln(1.0 + over);
+        }
+        slopes
+    }
+}
+
+/// The slopes of [`law`] by ln c, ln gamma and ln (1 / kappa): p times by how much ln of the density grows faster than
+/// on average, since the sum of p stays 1.
+fn slopes_of_law(freedom: Freedom, at: &DVector<f64>) -> [[f64; STEPS]; LAW - 1] {
+    let (gamma, kappa) = (at[GAMMA].exp(), freedom.kappa(at));
+    let first = gamma * (FIRST - BEYOND + 0.5 * STEP - at[SCALE]);
+    let [by_t, by_kappa] = slopes_of_ln(freedom.a, kappa, first, gamma * STEP);
     let p = law(freedom, at);
+    let of_parameter = |k: usize| {
+        let of_ln = |i: usize| match k {
+            SCALE => -gamma * by_t[i],
+            GAMMA => (first + gamma * STEP * i as f64) * by_t[i],
+            _ => -kappa * kappa * at[TAIL].exp() * by_kappa[i],
+        };
+        let of_ln: [f64; STEPS] = std::array::from_fn(of_ln);
+        let mean = dot(&p, &of_ln);
+        std::array::from_fn(|i| p[i] * (of_ln[i] - mean))
+    };
+    [SCALE, GAMMA, TAIL].map(of_parameter)
+}
+
+/// The outermost bins hold what lies beyond them.
+fn in_bins(p: &[f64; STEPS]) -> [f64; BINS] {
     let mut bins: [f64; BINS] = std::array::from_fn(|i| p[BEFORE + i]);
     bins[0] += p[..BEFORE].iter().sum::<f64>();
     bins[BINS - 1] += p[BEFORE + BINS..].iter().sum::<f64>();
@@ -343,7 +378,7 @@ impl Components {
         }
         let sum: f64 = weights.iter().sum();
         weights.iter_mut().for_each(|w| *w /= sum);
-        let healthy = of_bins(freedom, at);
+        let healthy = in_bins(&law(freedom, at));
         Components { healthy_share: healthy_share(at[HEALTHY]), healthy, weights, faults }
     }
 
@@ -381,22 +416,12 @@ struct Score {
 
 impl Score {
     fn of(freedom: Freedom, at: &DVector<f64>, counts: &Counts) -> Score {
-        const H: f64 = 1e-4;
         let components = Components::of(freedom, at);
         let (p, faulty, h) = (components.mixed(), components.faulty(), components.healthy_share);
 
-        // the slopes of p by ln c, ln gamma and ln (1 / kappa), from differences
-        let mut slopes: Vec<[f64; BINS]> = (SCALE..=TAIL)
-            .map(|k| {
-                let moved = |by: f64| {
-                    let mut at = at.clone();
-                    at[k] += by;
-                    of_bins(freedom, &at)
-                };
-                let (up, down) = (moved(H), moved(-H));
-                std::array::from_fn(|i| h * (up[i] - down[i]) / (2.0 * H))
-            })
-            .collect();
+        let of_law = slopes_of_law(freedom, at);
+        let mut slopes: Vec<[f64; BINS]> =
+            of_law.iter().map(|of| in_bins(of).map(|slope| h * slope)).collect();
         let of_share = 2.0 * (h - 0.5) * (1.0 - h);
         slopes.push(std::array::from_fn(|i| of_share * (components.healthy[i] - faulty[i])));
         let kinds = at.as_slice()[LAW..].chunks_exact(OF_KIND);
@@ -471,6 +496,26 @@ mod tests {
         // per ln of the statistic: as the volume of three dimensions, then not at all
         assert!(slopes.iter().all(|slope| (0.0..=1.5).contains(slope)));
         assert!(slopes[0] > 1.0 && slopes[BINS - 2] < 0.1, "{} {}", slopes[0], slopes[BINS - 2]);
+    }
+
+    #[test]
+    fn the_gradient_is_that_of_the_likelihood() {
+        let counts = Counts(std::array::from_fn(|i| ((i * 37) % 11) as f64));
+        for (degrees, spread) in [(Degrees::Three, Spread::Own), (Degrees::OneSided, Spread::Known)]
+        {
+            let freedom = Freedom::new(degrees, spread, counts.sum());
+            let at = DVector::from_vec(vec![-0.3, 0.2, -1.7, 1.1, 0.3, 4.0, -1.2]);
+            let gradient = Score::of(freedom, &at, &counts).gradient;
+            for k in 0..at.len() {
+                let moved = |by: f64| {
+                    let mut at = at.clone();
+                    at[k] += by;
+                    ln_likelihood(freedom, &at, &counts)
+                };
+                let slope = (moved(1e-5) - moved(-1e-5)) / 2e-5;
+                assert!((gradient[k] - slope).abs() < 1e-4 * (1.0 + slope.abs()), "{k}: {slope}");
+            }
+        }
     }
 
     #[test]

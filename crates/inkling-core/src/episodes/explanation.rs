@@ -87,7 +87,7 @@ impl Appearance {
 
 fn in_short(other: &Appearance) -> Option<String> {
     Some(match other {
-        Appearance::OtherGain(ratio) => format!("{ratio:.2} times the gain"),
+        Appearance::OtherGain(ratio) => format!("{} times the gain", times(*ratio)),
         Appearance::OtherClock(ratio) => {
             format!("a clock {} off", signed_percent(100.0 * (ratio - 1.0)))
         }
@@ -99,6 +99,11 @@ fn in_short(other: &Appearance) -> Option<String> {
     })
 }
 
+/// A ratio of two digits behind the point, or of two digits where it is small.
+fn times(ratio: f64) -> String {
+    if ratio.abs() < 0.1 { format!("{ratio:.1e}") } else { format!("{ratio:.2}") }
+}
+
 fn in_words(strange: &Appearance) -> String {
     const LOOK: &str = "look at cable, connector and amplifier, not at the nozzle";
     match *strange {
@@ -107,12 +112,13 @@ fn in_words(strange: &Appearance) -> String {
         }
         Appearance::Constant => format!("nothing rings, a constant value: {LOOK}"),
         Appearance::OtherGain(ratio) if ratio < 0.0 => format!(
-            "rings upside down, {:.2} times as large as a healthy channel: swapped wires; {LOOK}",
-            -ratio
+            "rings upside down, {} times as large as a healthy channel: swapped wires; {LOOK}",
+            times(-ratio)
         ),
         Appearance::OtherGain(ratio) => format!(
-            "rings like a healthy channel with {ratio:.2} times its size: gain or contact of the \
-             sensor line; {LOOK}"
+            "rings like a healthy channel with {} times its size: gain or contact of the \
+             sensor line; {LOOK}",
+            times(ratio)
         ),
         Appearance::OtherClock(ratio) => format!(
             "rings like a healthy channel {:.*} % {} in damping and frequency alike: the clock of its sampling; \
@@ -298,6 +304,7 @@ mod tests {
         for (strange, said) in [
             (OtherGain(-0.98), "rings upside down, 0.98 times as large"),
             (OtherGain(0.51), "rings like a healthy channel with 0.51 times its size"),
+            (OtherGain(1.5e-4), "with 1.5e-4 times its size"),
             (OtherClock(0.9), "healthy channel 10 % slower"),
             (OtherClock(0.996), "healthy channel 0.4 % slower"),
             (Late(0.78e-6), "0.8 µs late"),

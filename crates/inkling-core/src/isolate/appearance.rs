@@ -4,7 +4,7 @@
 //! In: the signal, the healthy one, and the signal's misfit beside its ring. Out: [`Appearance`],
 //! by a chain of tests of which the first that fits wins; their bounds are heuristic:
 //!
-//! 1. hardly more than noise about its mean: a constant, or noise alone;
+//! 1. hardly more than noise about its mean: the healthy ring in another unit, a constant, or noise alone;
 //! 2. the ring leaves little more than noise: a ring of another gain, or another ring;
 //! 3. few samples hold most of the misfit: jumps;
 //! 4. one spectral line holds most of the misfit: a slow change, else a tone;
@@ -36,8 +36,7 @@ impl UnknownSignal<'_> {
         // below twice the square sum of noise; a mean six standard errors off 0 makes it a constant
         let about: f64 = self.signal.iter().map(|y| (y - mean).powi(2)).sum::<f64>();
         if about < 2.0 * n * self.noise * self.noise {
-            let stands = mean.abs() > 6.0 * self.noise / n.sqrt();
-            return if stands { Appearance::Constant } else { Appearance::NoiseAlone };
+            return self.of_hardly_more_than_noise(mean);
         }
 
         // square sum of the misfit beyond the noise's, in noise variances
@@ -59,6 +58,18 @@ impl UnknownSignal<'_> {
             true => Appearance::Tone(cycles / (n * self.dt_s)),
             false => Appearance::Other,
         }
+    }
+
+    /// A constant, noise, or the healthy ring so small that it is less than the design's noise, as in another unit.
+    fn of_hardly_more_than_noise(&self, mean: f64) -> Appearance {
+        let [along, own, of_healthy] =
+            [(self.signal, self.healthy), (self.signal, self.signal), (self.healthy, self.healthy)]
+                .map(|(p, q)| dot(p, q));
+        if along * along > (1.0 - LITTLE) * own * of_healthy {
+            return Appearance::OtherGain(along / of_healthy);
+        }
+        let stands = mean.abs() > 6.0 * self.noise / (self.signal.len() as f64).sqrt();
+        if stands { Appearance::Constant } else { Appearance::NoiseAlone }
     }
 
     /// The healthy ring with another gain (negative: upside down) if that leaves little of the
@@ -173,6 +184,13 @@ mod tests {
         let half = (50.0, 0.02);
         assert_eq!(of(&|_| 0.0, (0.0, 0.02)), Appearance::NoiseAlone);
         assert_eq!(of(&|_| 40.0, (0.0, 0.02)), Appearance::Constant);
+        // in volts instead of counts: far below the noise that the design knows
+        let volts: Vec<f64> = healthy.iter().map(|y| y * 1e-4).collect();
+        let (signal, misfit) = (&volts[..], &volts[..]);
+        let tiny = UnknownSignal { signal, noise: 1.0, healthy: &healthy, misfit, dt_s: 1e-6 };
+        assert!(
+            matches!(tiny.appearance(), Appearance::OtherGain(gain) if (gain - 1e-4).abs() < 1e-9)
+        );
         let gain = |of: Appearance| match of {
             Appearance::OtherGain(gain) => gain,
             other => panic!("{other:?}"),
