@@ -13,40 +13,19 @@ use super::block::Block;
 use super::damage::{Damage, RecordingError};
 use super::dialect::Dialects;
 use super::file_error::FileError;
+use super::growth::{Growth, locked};
 use super::mcap_records::MAGIC;
 use super::recording::{Recording, check_magic, magic, open_source};
 use super::scan::Blocks;
 use super::stamp::Stamp;
 use std::path::Path;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::atomic::AtomicBool;
+use std::sync::{Arc, Mutex};
 use std::task::Poll;
 use std::time::Duration;
 
 /// Time between two looks at a file that did not grow.
 const LOOK_EVERY: Duration = Duration::from_millis(20);
-
-/// The state of a recording that is still being written, shared by all its readers.
-#[derive(Debug)]
-pub struct Growth {
-    /// Set by the caller: the recording is to end where it is.
-    enough: Arc<AtomicBool>,
-    /// Whether the recording has ended, so that the file is not looked at any more.
-    over: Mutex<bool>,
-    /// Whether this is the recording opened again as a whole.
-    pub(super) closed: bool,
-}
-
-impl Growth {
-    fn is_enough(&self) -> bool {
-        self.enough.load(Ordering::Relaxed)
-    }
-
-    /// Locks `over`, also after a thread panicked while it held the lock: the value is always whole.
-    fn over(&self) -> MutexGuard<'_, bool> {
-        self.over.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-}
 
 impl Recording {
     /// Opens a file that is being written, after waiting for its first bytes.
@@ -57,7 +36,8 @@ impl Recording {
         enough: Arc<AtomicBool>,
     ) -> Result<Recording, RecordingError> {
         let source = Arc::new(open_source(path)?);
-        let growth = Growth { enough, over: Mutex::new(false), closed: false };
+        let (over, ends) = (Mutex::new(false), Arc::default());
+        let growth = Growth { enough, over, ends, closed: false };
         loop {
             let magic = magic(path, &source)?;
             // the magic bytes are there, or cannot come any more: the check below passes or fails
@@ -69,7 +49,10 @@ impl Recording {
             std::thread::sleep(LOOK_EVERY);
             source.grow().map_err(FileError::unread(path))?;
         }
-        Recording::of_source(path, source, limits, dialects, Some(growth))
+        let mut recording =
+            Recording::of_source(path, source, limits, dialects)?.unindexed(dialects);
+        recording.growth = Some(growth);
+        Ok(recording)
     }
 
     pub fn is_growing(&self) -> bool {
@@ -82,7 +65,7 @@ impl Recording {
         check: impl Fn() -> Result<(), E>,
     ) -> Result<Option<Result<Block, Damage>>, E> {
         loop {
-            let over = self.growth.as_ref().is_none_or(|growth| *growth.over());
+            let over = self.growth.as_ref().is_none_or(|growth| *locked(&growth.over));
             match blocks.poll() {
                 Poll::Ready(found) => return Ok(found),
                 // `over` was read before the blocks were looked at, so nothing came in between
@@ -104,7 +87,7 @@ impl Recording {
     fn grow(&self) -> Result<bool, RecordingError> {
         let Some(growth) = &self.growth else { return Ok(true) };
         // one reader looks at a time, and once the recording is over nobody looks any more
-        let mut over = growth.over();
+        let mut over = locked(&growth.over);
         *over |= growth.is_enough();
         if *over {
             return Ok(true);
@@ -120,16 +103,15 @@ impl Recording {
         let source = self.source.clone();
         let now = source.stamp().map_err(FileError::unread(&self.path))?;
         self.check_file(source.bytes(), now.bytes)?;
-        let growth = self.growth.as_ref().map(|growth| Growth {
-            enough: growth.enough.clone(),
-            over: Mutex::new(true),
-            closed: true,
-        });
-        let mut closed = Recording::of_source(&self.path, source, self.limits, dialects, growth)?;
+        let mut closed = Recording::of_source(&self.path, source, self.limits, dialects)?;
         closed.stamp = Stamp { bytes: closed.bytes, ..now };
         (closed.opening, closed.label) = (self.opening, self.label.clone());
-        if closed.is_cut_off() {
-            closed.damage.clear(); // it has no end because the caller ended it
+        if let Some(growth) = &self.growth {
+            if growth.is_enough() && !closed.is_indexed() {
+                closed.damage.clear(); // it has no end because the caller ended it
+            }
+            let (enough, ends) = (growth.enough.clone(), growth.ends.clone());
+            closed.growth = Some(Growth { enough, over: Mutex::new(true), ends, closed: true });
         }
         Ok(closed)
     }

@@ -13,7 +13,7 @@
 //!
 //! ```text
 //! recordings  recording mcap_summary peek source scan block block_reader chunk_loader decompress
-//!             mcap_records channels burst_codec dialect followed digest census damage;
+//!             mcap_records channels burst_codec dialect followed growth digest census damage;
 //!             written by recording_writer mcap_file memory_recording
 //! results     verdict_* column column_types row_table episode_table summary_file annotation_writer
 //!             baseline_file result_file
@@ -48,6 +48,7 @@ pub mod digest;
 pub mod episode_table;
 pub mod file_error;
 mod followed;
+pub mod growth;
 mod input_pattern;
 pub mod inputs;
 pub mod job;

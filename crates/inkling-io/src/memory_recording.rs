@@ -67,9 +67,7 @@ pub fn of_bursts(label: &str, bursts: &[Burst]) -> Result<Recording, RecordingEr
         channels: Arc::new(channels),
         // so that several readers can take the blocks side by side
         channels_known_upfront: true,
-        // that there is no summary
-        damage: Vec::new(),
-        ..Recording::of_source(path, source, Limits::default(), &none, None)?
+        ..Recording::of_source(path, source, Limits::default(), &none)?.unindexed(&none)
     })
 }
 

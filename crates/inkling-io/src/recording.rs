@@ -18,7 +18,7 @@ use super::damage::{Damage, RecordingError};
 use super::dialect::Dialects;
 use super::digest::{Digest, Digester};
 use super::file_error::FileError;
-use super::followed::Growth;
+use super::growth::Growth;
 use super::mcap_records::{MAGIC, RecordHeader, op};
 use super::mcap_summary::Summary;
 use super::objects::in_object_store;
@@ -85,30 +85,24 @@ impl Recording {
         let started = Instant::now();
         let source = open_source(path)?;
         check_magic(path, &magic(path, &source)?)?;
-        let mut recording = Recording::of_source(path, Arc::new(source), limits, dialects, None)?;
+        let mut recording = Recording::of_source(path, Arc::new(source), limits, dialects)?;
         recording.opening = started.elapsed();
         Ok(recording)
     }
 
-    /// `growth`: see the field.
     pub(super) fn of_source(
         path: &Path,
         source: Arc<Source>,
         limits: Limits,
         dialects: &Dialects,
-        growth: Option<Growth>,
     ) -> Result<Recording, RecordingError> {
         let mut damage = Vec::new();
-        let mut summary = Summary::read(&source, dialects).unwrap_or_else(|found| {
+        let summary = Summary::read(&source, dialects).unwrap_or_else(|found| {
             damage.push(found);
             Summary::new(dialects)
         });
         if let Some(what) = summary.unread() {
             return Err(RecordingError::Dialect { path: path.to_path_buf(), what });
-        }
-        // A file that is being written has no end that could be relied on: channels become known with the blocks.
-        if growth.as_ref().is_some_and(|growth| !growth.closed) {
-            (summary, damage) = (Summary::new(dialects), Vec::new());
         }
         let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
         Ok(Recording {
@@ -126,11 +120,29 @@ impl Recording {
             damage,
             source,
             limits,
-            growth,
+            growth: None,
             channels_known_upfront: summary.complete(),
             channels: Arc::new(summary.channels),
             data_end: summary.data_end,
         })
+    }
+
+    /// The same recording, as if nothing were known of its end: channels become known with the blocks. A file
+    /// that is being written has no end that could be relied on.
+    pub(super) fn unindexed(self, dialects: &Dialects) -> Recording {
+        let channels = Arc::new(Channels::new(dialects));
+        Recording {
+            expected: None,
+            others: Vec::new(),
+            silent: Vec::new(),
+            damage: Vec::new(),
+            channels,
+            channels_known_upfront: false,
+            data_end: None,
+            disorder_ns: None,
+            is_shuffled: false,
+            ..self
+        }
     }
 
     pub(super) fn is_indexed(&self) -> bool {
@@ -140,7 +152,10 @@ impl Recording {
     /// The blocks in file order, found as they are asked for.
     pub fn blocks(&self) -> Blocks {
         let blocks = Blocks::new(self.source.clone(), self.limits, self.data_end);
-        blocks.growing(self.is_growing())
+        match self.growth.as_ref().filter(|growth| !growth.closed) {
+            Some(growth) => blocks.growing(growth.ends.clone()),
+            None => blocks,
+        }
     }
 
     pub fn reader(&self) -> BlockReader {

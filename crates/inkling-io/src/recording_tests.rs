@@ -5,6 +5,7 @@ use super::Limits;
 use super::block::{Block, BlockKind};
 use super::burst_codec::encode;
 use super::damage::{Damage, RecordingError};
+use super::dialect::Dialects;
 use super::file_error::FileError;
 use super::fixtures::{assert_refused, place};
 use super::mcap_records::MESSAGE_HEADER;
@@ -16,6 +17,9 @@ use mcap::records::MessageHeader;
 use std::fs;
 use std::io::{Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+use std::task::Poll;
 
 const COMPRESSIONS: [Compression; 3] = [Compression::None, Compression::Lz4, Compression::Zstd];
 
@@ -437,4 +441,35 @@ fn every_file_of_the_mcap_conformance_suite_reads_without_damage_and_without_bur
         }
     }
     assert!(files > 400, "{files} files");
+}
+
+/// The blocks that are whole by now in a recording that is being written.
+fn whole_by_now(blocks: &mut super::scan::Blocks) -> Vec<Block> {
+    let mut all = Vec::new();
+    while let Poll::Ready(Some(block)) = blocks.poll() {
+        all.push(block.unwrap());
+    }
+    all
+}
+
+#[test]
+fn who_reads_a_growing_recording_earlier_or_later_counts_the_same_blocks() {
+    let (dir, whole) = place("whole.mcap");
+    let now = dir.path().join("now.mcap");
+    write_plain(&whole, 40);
+    let bytes = fs::read(&whole).unwrap();
+    let mut file = fs::File::create(&now).unwrap();
+    file.write_all(&bytes[..bytes.len() / 3]).unwrap();
+    let enough = Arc::new(AtomicBool::new(false));
+    let dialects = Dialects::default();
+    let recording = Recording::follow(&now, Limits::default(), &dialects, enough).unwrap();
+    let mut early = recording.blocks();
+    let mut seen = whole_by_now(&mut early);
+    for rest in bytes[bytes.len() / 3..bytes.len() - 8].chunks(777) {
+        file.write_all(rest).unwrap();
+        recording.source.grow().unwrap();
+        seen.extend(whole_by_now(&mut early));
+    }
+    assert!(seen.len() > 5, "it was looked at in between");
+    assert_eq!(whole_by_now(&mut recording.blocks()), seen);
 }

@@ -13,14 +13,14 @@
 //! by themselves. Messages outside chunks and chunks without a checksum are lost up to there.
 //!
 //! In a recording that is being written, a record that is not whole may still become so, and
-//! [`Blocks::poll`] says that the next block is pending. A run ends before such a record, so where
-//! runs end there depends on when somebody looks: readers can compare bytes, but not blocks.
+//! [`Blocks::poll`] says that the next block is pending.
 
 mod resync;
 
 use super::Limits;
 use super::block::{Block, BlockKind};
 use super::damage::Damage;
+use super::growth::{EarlyEnds, ends_early, locked};
 use super::mcap_records::{ChunkHeader, MAGIC, RECORD_HEADER, RecordHeader, op};
 use super::source::Source;
 use std::sync::Arc;
@@ -42,8 +42,8 @@ pub struct Blocks {
     limits: Limits,
     /// Where the data section ends, as the footer says; `None`: there is no footer that could be relied on.
     data_end: Option<u64>,
-    /// Whether the recording is being written: what is not whole may still become so.
-    growing: bool,
+    /// Set if the recording is being written: what is not whole may still become so.
+    growing: Option<Arc<EarlyEnds>>,
     /// The next byte that is looked at: a record should begin here.
     at: u64,
     /// A search for chunks begins here: no chunk that was not given out begins before. It may lie
@@ -89,7 +89,7 @@ impl Blocks {
             source,
             limits,
             data_end,
-            growing: false,
+            growing: None,
             at: MAGIC.len() as u64,
             known_until: MAGIC.len() as u64,
             run_from: None,
@@ -102,16 +102,17 @@ impl Blocks {
         }
     }
 
-    pub(super) fn growing(self, growing: bool) -> Blocks {
-        Blocks { growing, ..self }
+    pub(super) fn growing(mut self, ends: Arc<EarlyEnds>) -> Blocks {
+        self.growing = Some(ends);
+        self
     }
 
     /// Ends the recording where it is: a record that is not whole by now does not count any more.
     pub fn close(&mut self) {
-        if self.growing && !self.done {
+        if self.growing.is_some() && !self.done {
             self.source.cut(self.at);
         }
-        (self.growing, self.done) = (false, true);
+        (self.growing, self.done) = (None, true);
     }
 
     /// The blocks that follow `block`; all blocks for `None`.
@@ -151,7 +152,7 @@ impl Blocks {
         if at >= end {
             return Ok((self.step_at_end(), end));
         }
-        let growing = self.growing;
+        let growing = self.growing.is_some();
         let Some(header) = RecordHeader::parse(self.peek(at, RECORD_HEADER as u64)?) else {
             if growing {
                 return Ok((Step::NotYet, end));
@@ -175,7 +176,7 @@ impl Blocks {
     }
 
     fn step_record(&mut self, at: u64, header: RecordHeader, next: u64) -> std::io::Result<Step> {
-        let (end, growing) = (self.end(), self.growing);
+        let (end, growing) = (self.end(), self.growing.is_some());
         let RecordHeader { opcode, body_bytes } = header;
         let body_at = at + RECORD_HEADER as u64;
         let skip = Step::Skip { known_until: next };
@@ -236,7 +237,7 @@ impl Blocks {
 
     fn step_at_end(&self) -> Step {
         match self.data_end {
-            _ if self.growing => Step::NotYet,
+            _ if self.growing.is_some() => Step::NotYet,
             Some(_) if !self.after_data_end => Step::Lost("the data have no end record".into()),
             _ => Step::End,
         }
@@ -275,23 +276,33 @@ impl Blocks {
     /// Pending only if the recording is being written and nothing further is whole.
     pub fn poll(&mut self) -> Poll<Option<Result<Block, Damage>>> {
         let run_bytes = RUN_BYTES.min(self.limits.record_bytes);
+        let growing = self.growing.clone();
         while !self.done {
-            // 1. what to do with the record at `at`
+            // 1. what to do with the record at `at`; in a growing file nobody else decides
+            //    meanwhile
+            let mut ends = growing.as_ref().map(|ends| locked(ends));
             let (step, next) = match self.step() {
                 Ok(found) => found,
                 Err(e) => (Step::Broken(format!("cannot be read: {e}")), self.end()),
             };
 
-            // 2. a run that does not go on is given out, and the record is looked at again in the
+            // 2. in a growing file: does the run under way end here for all readers?
+            let is_whole = !matches!(step, Step::NotYet);
+            let ends_now = ends.as_mut().filter(|_| self.run_from.is_some());
+            let early = ends_now.is_some_and(|ends| ends_early(ends, self.at, is_whole));
+            drop(ends);
+
+            // 3. a run that does not go on is given out, and the record is looked at again in the
             //    next turn
             let run_goes_on = matches!(step, Step::Run)
+                && !early
                 && self.run_from.is_none_or(|from| next - from <= run_bytes);
             if let Some(from) = self.run_from.filter(|_| !run_goes_on) {
                 self.run_from = None;
                 return Poll::Ready(Some(Ok(self.block(BlockKind::Messages, from, self.at))));
             }
 
-            // 3. the step itself
+            // 4. the step itself
             let at = self.at;
             match step {
                 Step::End => self.done = true,

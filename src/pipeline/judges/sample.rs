@@ -142,9 +142,8 @@ impl Sample {
     }
 }
 
-/// Reads what was chosen of some windows, in their order; `end`: the byte before which every block begins that
-/// may hold some of it.
-pub fn read(replay: &Replay, ahead: &Ahead, end: u64, windows: &[Window]) -> Result<Vec<Sample>> {
+/// Reads what was chosen of some windows, in their order; `last`: index of the last block that may hold some of it.
+pub fn read(replay: &Replay, ahead: &Ahead, last: u64, windows: &[Window]) -> Result<Vec<Sample>> {
     let number: BTreeMap<&GroupKey, usize> = windows.iter().map(|of| &of.key).zip(0..).collect();
     let sample = |of: &Window| Sample {
         samples: of.key.samples as usize,
@@ -155,7 +154,7 @@ pub fn read(replay: &Replay, ahead: &Ahead, end: u64, windows: &[Window]) -> Res
     if windows.iter().all(|of| of.chosen.is_empty()) {
         return Ok(all);
     }
-    ahead.read(Some(end), |_, burst| {
+    ahead.read(Some(last), |_, burst| {
         let found = number.get(&GroupKey::of(burst));
         if let Some(&n) = found.filter(|&&n| windows[n].chosen.contains(&burst.t_acq_ns)) {
             all[n].take(replay, burst);

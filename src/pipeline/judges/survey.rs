@@ -234,17 +234,16 @@ impl Draw<'_> {
     }
 }
 
-/// Chooses of each window the moments to learn from, with labels such as hold healthy signals. Returns the byte
-/// at which the last block ends that was looked at.
+/// Chooses of each window the moments to learn from, with labels such as hold healthy signals. Returns the index of
+/// the last block that was looked at.
 pub fn choose(replay: &Replay, ahead: &Ahead, windows: &mut [Window]) -> Result<u64> {
     let mut draws: BTreeMap<GroupKey, Draw> = BTreeMap::new();
     for window in windows {
         draws.insert(window.key.clone(), Draw::of(window, replay));
     }
-    let (mut groups, mut elapsed, mut end) = (Groups::default(), Elapsed::default(), 0);
+    let (mut groups, mut elapsed, mut last) = (Groups::default(), Elapsed::default(), 0);
     ahead.read(None, |block, burst| {
-        let block_end = block.offset + block.bytes;
-        let is_next = block_end != std::mem::replace(&mut end, block_end);
+        let is_next = block != std::mem::replace(&mut last, block);
         if let Some(group) = groups.of(burst) {
             elapsed.hear(group, burst.t_acq_ns);
         }
@@ -260,7 +259,7 @@ pub fn choose(replay: &Replay, ahead: &Ahead, windows: &mut [Window]) -> Result<
         }
     })?;
     draws.into_values().for_each(Draw::end);
-    Ok(end)
+    Ok(last)
 }
 
 /// Number of signals of a burst that labels say are healthy; without labels all.

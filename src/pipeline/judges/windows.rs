@@ -51,12 +51,12 @@ impl<'a> Ahead<'a> {
         Ahead { pass, workers, block, definitions, reorder_ns }
     }
 
-    /// Calls `see` with the block and each usable burst, of all blocks or of those that begin before byte `end`, until
-    /// it breaks. Of a recording that is being written it waits for more. What is damaged the stages tell.
+    /// Calls `see` with the index of the block and each usable burst, of all blocks or up to block `last`, until it
+    /// breaks. Of a recording that is being written it waits for more. What is damaged the stages tell.
     pub fn read(
         &self,
-        end: Option<u64>,
-        mut see: impl FnMut(&Block, &Burst) -> ControlFlow<()>,
+        last: Option<u64>,
+        mut see: impl FnMut(u64, &Burst) -> ControlFlow<()>,
     ) -> Result<()> {
         let Pass { recording, control } = self.pass;
         let mut reader = recording.reader().knowing(self.definitions.as_ref());
@@ -65,13 +65,13 @@ impl<'a> Ahead<'a> {
         while let Some(block) = next {
             control.check()?;
             if let Ok(block) = block {
-                if end.is_some_and(|end| block.offset >= end) {
+                if last.is_some_and(|last| block.index > last) {
                     return Ok(());
                 }
                 reader.load(&block);
                 while let Some(piece) = reader.next_piece(MOST_ROWS) {
                     for burst in piece.acquisitions.iter().filter_map(usable) {
-                        if see(&block, burst).is_break() {
+                        if see(block.index, burst).is_break() {
                             return Ok(());
                         }
                     }
@@ -131,19 +131,19 @@ pub fn learn(
 
         let (windows, groups): (Vec<_>, Vec<_>) = going_on.into_iter().unzip();
         let mut windows: Vec<Window> = windows.into_iter().flatten().collect();
-        let end = survey::choose(replay, ahead, &mut windows)?;
-        let (learned, again) = learn_from(replay, ahead, end, windows, groups)?;
+        let last = survey::choose(replay, ahead, &mut windows)?;
+        let (learned, again) = learn_from(replay, ahead, last, windows, groups)?;
         done.extend(learned);
         waiting = again;
     }
     Ok(done)
 }
 
-/// Learns from one window of each group. `end`: the byte before which every block begins that holds some of it. Returns the groups that have a model, or no further window, and the others.
+/// Learns from one window of each group. `last`: index of the last block that holds some of it. Returns the groups that have a model, or no further window, and the others.
 fn learn_from(
     replay: &Replay,
     ahead: &Ahead,
-    end: u64,
+    last: u64,
     windows: Vec<Window>,
     groups: Vec<Waiting>,
 ) -> Result<(Vec<Learned>, Vec<Waiting>)> {
@@ -152,7 +152,7 @@ fn learn_from(
     let (mut done, mut again) = (Vec::new(), Vec::new());
     let mut groups = groups.into_iter();
     for few in windows.chunks(at_a_time.max(1)) {
-        let samples = sample::read(replay, ahead, end, few)?;
+        let samples = sample::read(replay, ahead, last, few)?;
         let work: Vec<_> = few.iter().zip(samples).zip(groups.by_ref()).collect();
         let learned = side_by_side(ahead.workers, work, |((window, sample), mut of)| {
             of.take(replay, window, &sample);
