@@ -7,6 +7,7 @@
 use crate::report::clock;
 use crate::settings::IdentifySettings;
 use inkling_core::model::median::median;
+use inkling_core::numbers::LITTLE;
 use inkling_core::state::{Features, Head, OtherChannel};
 use inkling_lab::critique::digits::significant;
 use serde::Serialize;
@@ -37,7 +38,7 @@ pub struct HeadMovement {
     pub scatter_since_ns: Option<i64>,
     /// Since when most signals held more than a ring, so that the level was not known, ns.
     pub no_rings_since_ns: Option<i64>,
-    /// How large these were beside the expected ones, if most of them had the form of those.
+    /// How large these were beside the expected ones, if most of them had the form of those and were far smaller.
     pub size: Option<f64>,
     /// Channels that ring otherwise since a pause, as other channels in their places would.
     pub replaced: Vec<ReplacedChannel>,
@@ -106,7 +107,8 @@ impl HeadMovement {
     pub fn note_no_rings(&mut self, t_ns: i64, no_rings: usize, mut sizes: Vec<f64>) {
         if self.no_rings_since_ns.is_none() {
             self.no_rings_since_ns = Some(t_ns);
-            self.size = (2 * sizes.len() > no_rings).then(|| median(&mut sizes));
+            let size = (2 * sizes.len() > no_rings).then(|| median(&mut sizes));
+            self.size = size.filter(|size| size.abs() < LITTLE);
         }
     }
 

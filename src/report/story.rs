@@ -33,7 +33,7 @@
 //! one.
 
 use super::naming::LastNamed;
-use super::trend::{self, Direction, Trend};
+use super::trend::{self, Course, Direction, Severities, Trend};
 use super::watch::{self, BurstCounts, DAMPING, DISTANCE, RESONANCE, Spell, Watch};
 use inkling_core::episodes::Episode;
 use inkling_core::model::faults::{self, Law};
@@ -318,8 +318,7 @@ fn story(
     let is_of_fault =
         |_: &Trend| quantity != Some(DISTANCE) || changes(RESONANCE) || changes(DAMPING);
     let trend = course.and_then(trend_of).filter(is_of_fault);
-    let distances = watch.course(DISTANCE).into_iter().flat_map(|course| course.values());
-    let within = distances.filter(|bin| bin.n > 0.0 && bin.t_ns() < to_ns as f64);
+    let distance = watch.course(DISTANCE).and_then(|course| distance_of_now(course, to_ns));
     let size_of_now = if lost.is_none() { last } else { LastSize::default() };
 
     // What stands for the name of a story without a category, and beside one that was lost: what the last episode
@@ -354,7 +353,7 @@ fn story(
         severity_last: size_of_now.severity,
         severity_sd: size_of_now.sd,
         trend: trend.map(|trend| trend.of_scale(scale)),
-        distance: within.last().map(|bin| bin.mean()),
+        distance,
         certainty: named.certainty.filter(|_| lost.is_none() && !is_unnamed),
         known_at_ns: last_named.at_ns,
         lost,
@@ -363,6 +362,17 @@ fn story(
         spells: spells.to_vec(),
         quantity: quantity.map(str::to_owned),
     }
+}
+
+/// The distance of the latest signals before `to_ns` that have a ring. `None`: there are none, or more signals without
+/// one came after them than there were with one.
+fn distance_of_now(course: &Course, to_ns: i64) -> Option<f64> {
+    let bins: Vec<&Severities> = course.values().collect();
+    let last = bins.iter().rposition(|bin| bin.n > 0.0 && bin.t_ns() < to_ns as f64)?;
+    let with_ring: f64 = bins[..=last].iter().map(|bin| bin.n).sum();
+    let after: f64 =
+        bins[last + 1..].iter().take_while(|bin| bin.n == 0.0).map(|bin| bin.missed).sum();
+    (after <= with_ring).then(|| bins[last].mean())
 }
 
 /// The last signal that carries the name of the story of these episodes. Where no signal does by itself, and

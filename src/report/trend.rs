@@ -72,7 +72,7 @@ pub struct Severities {
     /// Sum of their times, ns.
     sum_t_ns: f64,
     /// Number of flagged signals of the fault that have no size in this quantity.
-    missed: f64,
+    pub(super) missed: f64,
     /// t_a of the last signal with a size, ns, and its size.
     last: Option<(i64, f64)>,
 }

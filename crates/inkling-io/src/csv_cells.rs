@@ -107,11 +107,11 @@ fn is_of_number(c: char) -> bool {
     c.is_ascii_digit() || "+-.eE".contains(c)
 }
 
-/// Whether points stand between thousands, as where commas stand before decimals: each number with a point has three
-/// digits behind it, and whole numbers below a thousand have none.
+/// Whether points or commas stand between thousands, where either may stand before decimals: each number with one has
+/// three digits behind it, and whole numbers below a thousand have none.
 #[derive(Default)]
 pub(super) struct Grouped {
-    /// The first number with a point, and its line.
+    /// The first number with a point or comma, and its line.
     first: Option<(u64, String)>,
     has_small: bool,
     is_other: bool,
@@ -122,7 +122,7 @@ impl Grouped {
         let cell = unquoted(cell);
         let digits = cell.trim_start_matches(['+', '-']);
         let is_digits = |of: &str| !of.is_empty() && of.bytes().all(|c| c.is_ascii_digit());
-        match digits.split_once('.') {
+        match digits.split_once(['.', ',']) {
             Some((whole, rest)) => {
                 let are_digits = is_digits(whole) && is_digits(rest);
                 let is_group = whole.len() <= 3 && rest.len() == 3 && !whole.starts_with('0');
@@ -141,7 +141,7 @@ impl Grouped {
     pub fn mistake(self) -> Option<(u64, String)> {
         let (line, cell) = self.first.filter(|_| self.has_small && !self.is_other)?;
         let what = format!(
-            "{:?} has a point and three digits, as all numbers here that are no whole ones below 1000: write \
+            "{:?} has three digits behind a point or comma, as all numbers here that are no whole ones below 1000: write \
              nothing between thousands, or all decimals of all numbers",
             printable::cell(&cell)
         );

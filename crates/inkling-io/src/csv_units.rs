@@ -5,7 +5,7 @@
 
 use super::csv_cells::Cells;
 use super::printable;
-use super::table_columns::{ChosenColumns, Columns};
+use super::table_columns::{ChosenColumns, Columns, of_one_unit};
 use super::time_column::{TimeUnit, numbers_rows};
 use csv::StringRecord;
 
@@ -28,7 +28,8 @@ pub(super) fn read(
     };
     chosen.outputs.retain(|c| !none.contains(c));
     chosen.left_out.extend(none);
-    check_outputs(row, chosen)?;
+    let units = chosen.outputs.iter().filter_map(|c| Some((*c, row.get(*c)?.trim())));
+    of_one_unit(units, &chosen.names)?;
     Ok(Some(of_time))
 }
 
@@ -87,17 +88,4 @@ fn numbers_there(row: &StringRecord, no_outputs: &[usize], chosen: &ChosenColumn
         true => String::new(),
         false => printable::line(&format!(" (there are {})", numbers.join(", ")), 200),
     }
-}
-
-/// Refuses outputs in several units, such as (mV) and (V): their numbers cannot be compared.
-fn check_outputs(units: &StringRecord, chosen: &ChosenColumns) -> Result<(), String> {
-    let all = chosen.outputs.iter().filter_map(|c| Some((*c, units.get(*c)?.trim())));
-    let mut all = all.filter(|(_, unit)| !unit.is_empty());
-    let Some((first, unit)) = all.next() else { return Ok(()) };
-    let Some((other, of_other)) = all.find(|(_, of)| *of != unit) else { return Ok(()) };
-    let [unit, of_other] = [unit, of_other].map(printable::cell);
-    let [first, other] = [first, other].map(|c| printable::cell(&chosen.names[c]));
-    Err(format!(
-        "{first} is in {unit}, and {other} in {of_other}: choose columns of one unit by --outputs, or write all in one"
-    ))
 }

@@ -146,6 +146,7 @@ pub(super) fn choose_columns(
         None => outputs_among(&names, &free, time),
     };
     no_other_times(&names, &outputs, &left_out)?;
+    of_one_unit(outputs.iter().map(|&c| (c, volts_of(&names[c]))), &names)?;
     // a table of nothing but what looks like numbers of rows has no other outputs
     let (outputs, left_out) =
         if outputs.is_empty() { (left_out, outputs) } else { (outputs, left_out) };
@@ -162,6 +163,32 @@ pub(super) fn choose_columns(
     let chosen = ChosenColumns { names, time, outputs, burst, printhead, beside, left_out };
     chosen.check_once(columns.time.is_some())?;
     Ok(chosen)
+}
+
+/// Units of voltage, which amplifiers of one system may be exported in side by side.
+const VOLTS: [&str; 6] = ["V", "mV", "uV", "µV", "μV", "kV"];
+
+/// The unit of voltage that ends the name of a column, as `a_mV`, `a (mV)` or `a [mV]` do; empty: none does.
+fn volts_of(name: &str) -> &str {
+    let name = name.trim().trim_end_matches([')', ']']);
+    let unit = name.rsplit(['_', ' ', '(', '[']).next().filter(|unit| *unit != name);
+    unit.filter(|unit| VOLTS.contains(unit)).unwrap_or_default()
+}
+
+/// Refuses outputs in several units, such as (mV) and (V): their numbers cannot be compared. `units`: with the column of
+/// each; empty: nobody says it.
+pub(super) fn of_one_unit<'a>(
+    units: impl Iterator<Item = (usize, &'a str)>,
+    names: &[String],
+) -> Result<(), String> {
+    let mut all = units.filter(|(_, unit)| !unit.is_empty());
+    let Some((first, unit)) = all.next() else { return Ok(()) };
+    let Some((other, of_other)) = all.find(|(_, of)| *of != unit) else { return Ok(()) };
+    let [unit, of_other] = [unit, of_other].map(printable::cell);
+    let [first, other] = [first, other].map(|c| printable::cell(&names[c]));
+    Err(format!(
+        "{first} is in {unit}, and {other} in {of_other}: choose columns of one unit by --outputs, or write all in one"
+    ))
 }
 
 fn place(names: &[String], name: &str) -> Result<usize, String> {

@@ -83,7 +83,9 @@ impl UnknownSignal<'_> {
             off.map(|v| v * v).sum::<f64>() - of_noise
         };
         let left = beside(gain);
-        match left < LITTLE * beside(0.0) && left < (1.0 - MOST) * beside(1.0) {
+        // a tenth of the signal is a hundredth of its energy
+        let little = (LITTLE * LITTLE * beside(0.0)).max(of_noise);
+        match left < little && left < (1.0 - MOST) * beside(1.0) {
             true => Appearance::OtherGain(gain),
             false => Appearance::OtherRing,
         }
@@ -197,7 +199,8 @@ mod tests {
         };
         assert!((gain(of(&|_| 0.0, half)) - 0.5).abs() < 0.01);
         assert!((gain(of(&|_| 0.0, (-100.0, 0.02))) + 1.0).abs() < 0.01);
-        // the damping differs by a tenth and the gain by 5 % or by half
+        // the damping differs by four fifths, or by a tenth and the gain by 5 % or by half
+        assert_eq!(of(&|_| 0.0, (100.0, 0.036)), Appearance::OtherRing);
         assert_eq!(of(&|_| 0.0, (105.0, 0.022)), Appearance::OtherRing);
         assert!((gain(of(&|_| 0.0, (150.0, 0.022))) - 1.4).abs() < 0.05);
         let odd = |k: f64| if k == 40.0 { 60.0 } else { 0.0 };
