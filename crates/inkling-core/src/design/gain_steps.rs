@@ -50,7 +50,8 @@ fn warning(printhead: &str, sizes: &[f64]) -> Option<String> {
     sorted.sort_unstable_by(f64::total_cmp);
     let stray = (STRAY * sizes.len() as f64) as usize;
     let (low, high) = (sorted.get(stray)?, sorted[sizes.len() - 1 - stray]);
-    if sizes.len() < FEW || !(high - low > (1.0 + tuned::GAIN_BOUND).ln()) {
+    let is_steady = high - low <= (1.0 + tuned::GAIN_BOUND).ln();
+    if sizes.len() < FEW || is_steady {
         return None;
     }
     let steps = sizes.windows(2).map(|pair| (pair[1] - pair[0]).abs());

@@ -311,15 +311,15 @@ for_processor! {
 for_processor! {
     /// How ln of a density grows with t and with kappa, where t = first, first + step, ..
     fn slopes_of_ln(a: f64, kappa: f64, first: f64, step: f64) -> [[f64; STEPS]; 2] {
-        let mut slopes = [[0.0; STEPS]; 2];
-        for i in 0..STEPS {
+        let (mut by_t, mut by_kappa) = ([0.0; STEPS], [0.0; STEPS]);
+        for (i, (by_t, by_kappa)) in by_t.iter_mut().zip(&mut by_kappa).enumerate() {
             let t = first + step * i as f64;
             let over = exp(t) / kappa;
             let share = (a + kappa) * over / (1.0 + over);
-            slopes[0][i] = a - share;
-            slopes[1][i] = share / kappa - ln(1.0 + over);
+            *by_t = a - share;
+            *by_kappa = share / kappa - ln(1.0 + over);
         }
-        slopes
+        [by_t, by_kappa]
     }
 }
 
