@@ -89,7 +89,8 @@ pub struct Story {
     pub category: Option<String>,
     /// Class, if the episode that the story is named after has one.
     pub fault: Option<String>,
-    /// Why the episode of a story without a category has none; `no_ring`, too, where the cause now lies in the sensor line.
+    /// Why the episode of a story without a category has none, or the last one where present signals carry the name no
+    /// longer; `no_ring`, too, where the cause lies in the sensor line.
     pub reason: Option<Reason>,
     /// What the episode's explanation says (not trusted) of a story without a category, or of the last one where present
     /// signals carry the name no longer.
@@ -333,8 +334,7 @@ fn story(
     };
     let explanation = said_by.and_then(explanation);
     let is_of_line = explanation.as_ref().is_some_and(|words| words.contains(SENSOR_LINE));
-    let told = if is_of_line { Some(Reason::NoRing) } else { named.reason };
-    let reason = told.filter(|_| is_unnamed || is_of_line);
+    let reason = said_by.and_then(|of| if is_of_line { Some(Reason::NoRing) } else { of.reason });
     Story {
         printhead: first.printhead.clone(),
         channel: first.channel,

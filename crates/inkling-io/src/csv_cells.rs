@@ -107,7 +107,7 @@ fn is_of_number(c: char) -> bool {
     c.is_ascii_digit() || "+-.eE".contains(c)
 }
 
-/// Whether points or commas stand between thousands, where either may stand before decimals: each number with one has
+/// Whether points or commas stand between thousands in a column, where either may stand before decimals: each number with one has
 /// three digits behind it, and whole numbers below a thousand have none.
 #[derive(Default)]
 pub(super) struct Grouped {
@@ -141,7 +141,7 @@ impl Grouped {
     pub fn mistake(self) -> Option<(u64, String)> {
         let (line, cell) = self.first.filter(|_| self.has_small && !self.is_other)?;
         let what = format!(
-            "{:?} has three digits behind a point or comma, as all numbers here that are no whole ones below 1000: write \
+            "{:?} has three digits behind a point or comma, as all of its column that are no whole ones below 1000: write \
              nothing between thousands, or all decimals of all numbers",
             printable::cell(&cell)
         );

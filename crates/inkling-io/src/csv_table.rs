@@ -17,6 +17,7 @@ use super::table_text::{TextError, TextOptions, TextTable};
 use super::time_column::TimeUnit;
 use super::{printable, regular_file};
 use csv::StringRecord;
+use std::collections::BTreeMap;
 use std::io::Read;
 use std::path::Path;
 
@@ -80,14 +81,14 @@ fn read_rows(text: &mut TextTable, path: &Path, columns: &Columns) -> Result<Tab
 
     // dates become numbers in the unit of their column, seconds where nothing says one
     let date_unit_ns = unit.unwrap_or(TimeUnit::SECONDS).ns;
-    let (mut rows, mut grouped) = (Rows::new(&chosen), Grouped::default());
+    let (mut rows, mut grouped) = (Rows::new(&chosen), BTreeMap::<usize, Grouped>::new());
     let behind = std::iter::from_fn(|| text.next_record().map_err(failed).transpose());
     for row in ahead.into_iter().flatten().map(Ok).chain(behind) {
         let (line, row) = row?;
         chosen.check_cells(&row).map_err(at(line))?;
         let cell = |c: usize| row.get(c).unwrap_or_default();
         if cells.decimal_comma {
-            chosen.outputs.iter().for_each(|c| grouped.add(cell(*c), line));
+            chosen.outputs.iter().for_each(|c| grouped.entry(*c).or_default().add(cell(*c), line));
         }
         let number = |c: usize| {
             let otherwise =
@@ -102,7 +103,7 @@ fn read_rows(text: &mut TextTable, path: &Path, columns: &Columns) -> Result<Tab
         let [burst, printhead] = [chosen.burst, chosen.printhead].map(|c| c.map_or("", cell));
         rows.add(line, burst, printhead, number, time).map_err(at(line))?;
     }
-    if let Some((line, what)) = grouped.mistake() {
+    if let Some((line, what)) = grouped.into_values().find_map(Grouped::mistake) {
         return Err(at(line)(what));
     }
     rows.table(unit).ok_or_else(|| FileError::failed(path, "a header and no rows"))

@@ -5,10 +5,11 @@
 //! by a chain of tests of which the first that fits wins; their bounds are heuristic:
 //!
 //! 1. hardly more than noise about its mean: the healthy ring in another unit, a constant, or noise alone;
-//! 2. the ring leaves little more than noise: a ring of another gain, or another ring;
-//! 3. few samples hold most of the misfit: jumps;
-//! 4. one spectral line holds most of the misfit: a slow change, else a tone;
-//! 5. else something else.
+//! 2. the healthy signal, with all that it holds beside its ring, of another gain;
+//! 3. the ring leaves little more than noise: another ring;
+//! 4. few samples hold most of the misfit: jumps;
+//! 5. one spectral line holds most of the misfit: a slow change, else a tone;
+//! 6. else something else.
 
 use crate::model::inner_product::dot;
 use crate::model::simd_math::sin_cos;
@@ -39,10 +40,14 @@ impl UnknownSignal<'_> {
             return self.of_hardly_more_than_noise(mean);
         }
 
+        if let Some(gain) = self.other_gain() {
+            return Appearance::OtherGain(gain);
+        }
+
         // square sum of the misfit beyond the noise's, in noise variances
         let beyond = dot(self.misfit, self.misfit) - n;
         if beyond < n {
-            return self.of_ring();
+            return Appearance::OtherRing;
         }
 
         let mut squares: Vec<f64> = self.misfit.iter().map(|v| v * v).collect();
@@ -60,35 +65,36 @@ impl UnknownSignal<'_> {
         }
     }
 
-    /// A constant, noise, or the healthy ring so small that it is less than the design's noise, as in another unit.
+    /// A constant, noise, or the healthy signal so small that it is less than the design's noise, as in another unit.
     fn of_hardly_more_than_noise(&self, mean: f64) -> Appearance {
-        let [along, own, of_healthy] =
-            [(self.signal, self.healthy), (self.signal, self.signal), (self.healthy, self.healthy)]
-                .map(|(p, q)| dot(p, q));
-        if along * along > (1.0 - LITTLE) * own * of_healthy {
-            return Appearance::OtherGain(along / of_healthy);
+        let gain = self.gain();
+        let left = self.beside(gain);
+        if left < LITTLE * self.beside(0.0) && left < (1.0 - MOST) * self.beside(1.0) {
+            return Appearance::OtherGain(gain);
         }
         let stands = mean.abs() > 6.0 * self.noise / (self.signal.len() as f64).sqrt();
         if stands { Appearance::Constant } else { Appearance::NoiseAlone }
     }
 
-    /// The healthy ring with another gain (negative: upside down) if that leaves little of the
-    /// signal, unlike a ring of another damping or frequency, and explains most of the difference,
-    /// unlike one whose gain hardly differs; else another ring.
-    fn of_ring(&self) -> Appearance {
-        let gain = dot(self.signal, self.healthy) / dot(self.healthy, self.healthy);
+    /// The gain with which the healthy signal leaves little of this one (negative: upside down), unlike a ring of another
+    /// damping or frequency, and explains most of the difference, unlike one whose gain hardly differs.
+    fn other_gain(&self) -> Option<f64> {
+        let gain = self.gain();
         let of_noise = self.signal.len() as f64 * self.noise * self.noise;
-        let beside = |gain: f64| {
-            let off = self.signal.iter().zip(self.healthy).map(|(y, h)| y - gain * h);
-            off.map(|v| v * v).sum::<f64>() - of_noise
-        };
-        let left = beside(gain);
-        // a tenth of the signal is a hundredth of its energy
-        let little = (LITTLE * LITTLE * beside(0.0)).max(of_noise);
-        match left < little && left < (1.0 - MOST) * beside(1.0) {
-            true => Appearance::OtherGain(gain),
-            false => Appearance::OtherRing,
-        }
+        let [left, own, other] = [gain, 0.0, 1.0].map(|gain| self.beside(gain) - of_noise);
+        // a tenth of the signal is a hundredth of its energy; the noise's own energy differs by an eighth or so
+        let little = (LITTLE * LITTLE * own).max(0.5 * of_noise);
+        (left < little && left < (1.0 - MOST) * other).then_some(gain)
+    }
+
+    /// That multiple of the healthy signal which is nearest to this one.
+    fn gain(&self) -> f64 {
+        dot(self.signal, self.healthy) / dot(self.healthy, self.healthy)
+    }
+
+    /// Square sum of what is left of the signal beside so many times the healthy one.
+    fn beside(&self, gain: f64) -> f64 {
+        self.signal.iter().zip(self.healthy).map(|(y, h)| (y - gain * h).powi(2)).sum()
     }
 
     /// The spectral line that explains most of the misfit: energy, in noise variances, and cycles
@@ -186,6 +192,22 @@ mod tests {
         let half = (50.0, 0.02);
         assert_eq!(of(&|_| 0.0, (0.0, 0.02)), Appearance::NoiseAlone);
         assert_eq!(of(&|_| 40.0, (0.0, 0.02)), Appearance::Constant);
+        // upside down, with an offset that belongs to the healthy signal, too
+        let healthy_about: Vec<f64> = healthy.iter().map(|y| y + 30.0).collect();
+        let mut noise = draws(9);
+        let down: Vec<f64> = healthy_about.iter().map(|y| noise() - y).collect();
+        let (signal, healthy_there, misfit) = (&down[..], &healthy_about[..], &[-30.0; 128][..]);
+        let wires =
+            UnknownSignal { signal, noise: 1.0, healthy: healthy_there, misfit, dt_s: 1e-6 };
+        assert!(
+            matches!(wires.appearance(), Appearance::OtherGain(gain) if (gain + 1.0).abs() < 0.01)
+        );
+        // a dead line that stands where healthy signals do is a constant
+        let (signal, far): (Vec<f64>, Vec<f64>) =
+            healthy.iter().map(|y| (2048.0, y + 2048.0)).unzip();
+        let (signal, healthy_there, misfit) = (&signal[..], &far[..], &signal[..]);
+        let dead = UnknownSignal { signal, noise: 1.0, healthy: healthy_there, misfit, dt_s: 1e-6 };
+        assert_eq!(dead.appearance(), Appearance::Constant);
         // in volts instead of counts: far below the noise that the design knows
         let volts: Vec<f64> = healthy.iter().map(|y| y * 1e-4).collect();
         let (signal, misfit) = (&volts[..], &volts[..]);

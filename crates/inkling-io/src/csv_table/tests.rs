@@ -67,7 +67,7 @@ fn missing_cells_are_nan_and_what_is_no_number_names_its_line() {
         ("t,y\n0,1\n1,\"1,234.5\"\n", "nothing between thousands"),
         ("t,y\n0,1\n1,-1.5 mV\n", "the unit into the column's name"),
         ("t;y\n0;975\n1;-4.000\n2;12.345\n", "line 3: \"-4.000\" has three digits behind"),
-        ("t\ty\n0\t975\n1\t-4,000\n2\t12,345\n", "line 3: \"-4,000\" has three digits behind"),
+        ("t\ty\tz\n0\t975\t1000\n1\t-4,000\t2\n", "line 3: \"-4,000\" has three digits behind"),
         ("t,a_V,b_mV\n0,1,2\n1,3,4\n", "a_V is in V, and b_mV in mV: choose"),
         ("t,a (mV),b [V]\n0,1,2\n1,3,4\n", "a (mV) is in mV, and b [V] in V: choose"),
         ("t,a,b\n(us),(mV),(V)\n0,1,2\n1,3,4\n", "line 2: a is in (mV), and b in (V): choose"),
