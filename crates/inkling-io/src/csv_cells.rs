@@ -107,8 +107,8 @@ fn is_of_number(c: char) -> bool {
     c.is_ascii_digit() || "+-.eE".contains(c)
 }
 
-/// Whether points or commas stand between thousands in a column, where either may stand before decimals: each number with one has
-/// three digits behind it, and whole numbers below a thousand have none.
+/// Whether points or commas stand between thousands in a column, where either may stand before decimals: each number
+/// with one has three digits behind it, and whole numbers below a thousand have none.
 #[derive(Default)]
 pub(super) struct Grouped {
     /// The first number with a point or comma, and its line.

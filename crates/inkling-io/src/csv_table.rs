@@ -9,7 +9,7 @@
 //! ([`Columns::beside`]) only the first row of each decay is read.
 
 use super::csv_cells::{Cells, Grouped, no_number, unquoted};
-use super::csv_units;
+use super::csv_units::{self, Units};
 use super::file_error::{FileError, line_of};
 use super::table_columns::{ChosenColumns, Columns, choose_columns};
 use super::table_file::{LONGEST_NAME, Rows, Table, unread};
@@ -64,7 +64,7 @@ fn read_rows(text: &mut TextTable, path: &Path, columns: &Columns) -> Result<Tab
     if let [Some((line, row)), below] = &ahead {
         let below = below.as_ref().map(|(_, row)| row);
         let units = csv_units::read(row, below, &mut chosen, columns, cells).map_err(at(*line))?;
-        if let Some(of_time) = units {
+        if let Some(Units { of_time }) = units {
             (unit, ahead[0]) = (of_time, None);
         }
     }

@@ -1,7 +1,7 @@
 //! A row of units, as instruments write it below the names of a table's columns.
 //!
-//! In, from `csv_table.rs`: the row below the names and the one after it. Out: the unit of the times, if it is one of
-//! units ([`read`]); and columns of which it says that they are no outputs are left out.
+//! In, from `csv_table.rs`: the row below the names and the one after it. Out: [`Units`], if it is one of units; and
+//! columns of which it says that they are no outputs are left out.
 
 use super::csv_cells::Cells;
 use super::printable;
@@ -9,15 +9,20 @@ use super::table_columns::{ChosenColumns, Columns, of_one_unit};
 use super::time_column::{TimeUnit, numbers_rows};
 use csv::StringRecord;
 
-/// The unit of the times, if the row is one of units that says it. `below`: the next row. `None`: the row is one of
-/// numbers, or has a cell that is neither.
+/// What a row of units says.
+pub(super) struct Units {
+    /// `None`: nothing that matters.
+    pub of_time: Option<TimeUnit>,
+}
+
+/// `below`: the next row. `None`: the row is one of numbers, or has a cell that is neither.
 pub(super) fn read(
     row: &StringRecord,
     below: Option<&StringRecord>,
     chosen: &mut ChosenColumns,
     columns: &Columns,
     cells: Cells,
-) -> Result<Option<Option<TimeUnit>>, String> {
+) -> Result<Option<Units>, String> {
     let Some(none) = no_outputs(row, below, chosen, cells) else { return Ok(None) };
     let of_time = match of_time(row, &none, chosen, columns) {
         Err(_) if columns.spare_times() => {
@@ -30,7 +35,7 @@ pub(super) fn read(
     chosen.left_out.extend(none);
     let units = chosen.outputs.iter().filter_map(|c| Some((*c, row.get(*c)?.trim())));
     of_one_unit(units, &chosen.names)?;
-    Ok(Some(of_time))
+    Ok(Some(Units { of_time }))
 }
 
 /// The outputs of which a row of units says that they are none: numbers of rows, and what stands in this row alone.
