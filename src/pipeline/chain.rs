@@ -72,3 +72,60 @@ pub fn printheads(pass: Pass) -> Result<Vec<String>> {
     })?;
     Ok(heads.into_keys().map(|name| name.to_string()).collect())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn state(digit: u32) -> State {
+        (digit > 0).then(|| digit.to_string())
+    }
+
+    /// The links of `n` recordings that took the baselines from 0 (none) to 1, to 2 and so on.
+    fn chain(n: u32) -> Vec<Option<Link>> {
+        (0..n).map(|i| Some(Link { before: state(i), after: state(i + 1) })).collect()
+    }
+
+    #[test]
+    fn what_follows_goes_on_and_what_lies_before_has_no_place() {
+        let mut links = chain(3);
+        assert_eq!(go_on(&links, 3, &state(3)), GoOn::From(3), "all is finished");
+        assert_eq!(go_on(&links, 3, &state(9)), GoOn::After(3), "and others followed");
+        assert_eq!(go_on(&links, 1, &state(3)), GoOn::After(3), "changed in the middle");
+        links.push(None);
+        assert_eq!(go_on(&links, 3, &state(3)), GoOn::From(3), "a new one at the end");
+        assert_eq!(go_on(&links, 3, &state(9)), GoOn::After(3), "after others that are not here");
+        links.swap(2, 3);
+        assert_eq!(go_on(&links, 2, &state(3)), GoOn::After(4), "a new one in between");
+        assert_eq!(go_on(&links, 2, &state(2)), GoOn::From(2), "with the baselines of that time");
+        // it was judged without a place: what follows goes on all the same
+        links[2] = Some(Link { before: state(3), after: state(3) });
+        links.push(None);
+        assert_eq!(go_on(&links, 4, &state(3)), GoOn::From(4));
+        assert_eq!(go_on(&links, 4, &state(2)), GoOn::From(3), "killed before they were written");
+        assert_eq!(go_on(&[None, None], 0, &state(7)), GoOn::From(0), "the first run of a chain");
+    }
+
+    #[test]
+    fn what_the_baselines_rest_on_alone_is_judged_again_from_the_begin() {
+        let mut links = chain(3);
+        assert_eq!(go_on(&links, 0, &state(3)), GoOn::Anew(0), "other settings");
+        assert_eq!(go_on(&links, 1, &state(3)), GoOn::After(3), "but the first is finished");
+        assert_eq!(go_on(&links, 0, &state(9)), GoOn::After(3), "others have taught them, too");
+        assert_eq!(go_on(&links[1..], 0, &state(3)), GoOn::After(2), "and before");
+        // killed after the first one was judged again: it goes on there
+        links[0] = Some(Link { before: None, after: state(7) });
+        assert_eq!(go_on(&links, 1, &state(7)), GoOn::From(1));
+        assert_eq!(go_on(&links, 1, &state(3)), GoOn::After(3), "others have followed");
+    }
+
+    #[test]
+    fn the_chain_is_replayed_from_the_baselines_that_are_there() {
+        let links = chain(3);
+        assert_eq!(go_on(&links, 3, &state(2)), GoOn::From(2), "killed before they were written");
+        assert_eq!(go_on(&links, 3, &state(0)), GoOn::From(0), "removed");
+        assert_eq!(go_on(&links, 2, &state(1)), GoOn::From(1), "put back");
+        let taught_nothing = vec![Some(Link { before: state(1), after: state(1) })];
+        assert_eq!(go_on(&taught_nothing, 1, &state(1)), GoOn::From(1));
+    }
+}
