@@ -215,7 +215,7 @@ impl Mixture {
     /// standard deviations of a Poisson count.
     fn peak(&self, counts: &Counts) -> f64 {
         const TOGETHER: usize = 5;
-        let p = Components::of(self.freedom, &self.at).mixed();
+        let p = Components::of(&law(self.freedom, &self.at), &self.at).mixed();
         let n = counts.sum();
         let first = ((tuned::NEAREST - FIRST) / STEP) as usize;
         let (mut most, mut at) = (0.0, tuned::NEAREST);
@@ -323,13 +323,12 @@ for_processor! {
     }
 }
 
-/// The slopes of [`law`] by ln c, ln gamma and ln (1 / kappa): p times by how much ln of the density grows faster than
-/// on average, since the sum of p stays 1.
-fn slopes_of_law(freedom: Freedom, at: &DVector<f64>) -> [[f64; STEPS]; LAW - 1] {
+/// The slopes of [`law`], p, by ln c, ln gamma and ln (1 / kappa): p times by how much ln of the density grows faster
+/// than on average, since the sum of p stays 1.
+fn slopes_of_law(freedom: Freedom, at: &DVector<f64>, p: &[f64; STEPS]) -> [[f64; STEPS]; LAW - 1] {
     let (gamma, kappa) = (at[GAMMA].exp(), freedom.kappa(at));
     let first = gamma * (FIRST - BEYOND + 0.5 * STEP - at[SCALE]);
     let [by_t, by_kappa] = slopes_of_ln(freedom.a, kappa, first, gamma * STEP);
-    let p = law(freedom, at);
     let of_parameter = |k: usize| {
         let of_ln = |i: usize| match k {
             SCALE => -gamma * by_t[i],
@@ -337,7 +336,7 @@ fn slopes_of_law(freedom: Freedom, at: &DVector<f64>) -> [[f64; STEPS]; LAW - 1]
             _ => -kappa * kappa * at[TAIL].exp() * by_kappa[i],
         };
         let of_ln: [f64; STEPS] = std::array::from_fn(of_ln);
-        let mean = dot(&p, &of_ln);
+        let mean = dot(p, &of_ln);
         std::array::from_fn(|i| p[i] * (of_ln[i] - mean))
     };
     [SCALE, GAMMA, TAIL].map(of_parameter)
@@ -368,7 +367,8 @@ struct Components {
 }
 
 impl Components {
-    fn of(freedom: Freedom, at: &DVector<f64>) -> Components {
+    /// `law`: of the healthy signals at these parameters ([`law`]).
+    fn of(law: &[f64; STEPS], at: &DVector<f64>) -> Components {
         let kinds = at.as_slice()[LAW..].chunks_exact(OF_KIND);
         let mut weights = vec![1.0];
         let mut faults = vec![*OF_ANY_SIZE];
@@ -378,7 +378,7 @@ impl Components {
         }
         let sum: f64 = weights.iter().sum();
         weights.iter_mut().for_each(|w| *w /= sum);
-        let healthy = in_bins(&law(freedom, at));
+        let healthy = in_bins(law);
         Components { healthy_share: healthy_share(at[HEALTHY]), healthy, weights, faults }
     }
 
@@ -399,7 +399,7 @@ impl Components {
 
 /// ln likelihood of the counts plus ln density of the priors; 1 / kappa has an exponential one.
 fn ln_likelihood(freedom: Freedom, at: &DVector<f64>, counts: &Counts) -> f64 {
-    let mixed = Components::of(freedom, at).mixed();
+    let mixed = Components::of(&law(freedom, at), at).mixed();
     let data = ln_of_counts(&counts.0, &mixed);
     let widths: f64 = at.as_slice()[LAW..]
         .chunks_exact(OF_KIND)
@@ -416,10 +416,11 @@ struct Score {
 
 impl Score {
     fn of(freedom: Freedom, at: &DVector<f64>, counts: &Counts) -> Score {
-        let components = Components::of(freedom, at);
+        let law = law(freedom, at);
+        let components = Components::of(&law, at);
         let (p, faulty, h) = (components.mixed(), components.faulty(), components.healthy_share);
 
-        let of_law = slopes_of_law(freedom, at);
+        let of_law = slopes_of_law(freedom, at, &law);
         let mut slopes: Vec<[f64; BINS]> =
             of_law.iter().map(|of| in_bins(of).map(|slope| h * slope)).collect();
         let of_share = 2.0 * (h - 0.5) * (1.0 - h);
