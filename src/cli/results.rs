@@ -314,8 +314,8 @@ fn columns_for(counts: &RecordingCounts) -> Vec<&'static str> {
     COLUMNS.iter().chain(of_faults).copied().collect()
 }
 
-/// Reads these columns of all files in their order, and sends their rows ahead of their use. Where one cannot be read to its end, the
-/// next one is read. Progress counts whole files.
+/// Reads these columns of all files in their order, and sends their rows ahead of their use. Where one cannot be read to
+/// its end, the next one is read. Progress counts whole files.
 fn read_all(tables: &[(&Path, Vec<&str>)], control: &Control, send: &SyncSender<Read>) {
     for (file, columns) in tables {
         let end = read_one(file, columns, control, send)

@@ -11,9 +11,6 @@ use crate::model::median::{median, median_of};
 use crate::numbers::FEW;
 use std::collections::BTreeMap;
 
-/// Share of the bursts that may ring as strongly or weakly as they like: a few without a drop are no other gain.
-const STRAY: f64 = 0.05;
-
 impl Design {
     pub(super) fn gain_steps(&self, healthy: &BTreeMap<String, SignalSet>) -> Vec<String> {
         let of_head = self.with_models(healthy).into_iter().zip(healthy.keys());
@@ -21,8 +18,8 @@ impl Design {
     }
 }
 
-/// For each burst, in the order of time, ln of how strongly its channels ring: the median over channels, each beside what it
-/// does otherwise.
+/// For each burst, in the order of time, ln of how strongly its channels ring: the median over channels, each beside
+/// what it does otherwise.
 fn sizes(model: &HealthyModel, set: &SignalSet) -> Vec<f64> {
     let size = |i: usize| {
         let y: Vec<f64> = set.signal(i).iter().map(|y| f64::from(*y) / set.drive[i]).collect();
@@ -48,7 +45,7 @@ fn sizes(model: &HealthyModel, set: &SignalSet) -> Vec<f64> {
 fn warning(printhead: &str, sizes: &[f64]) -> Option<String> {
     let mut sorted = sizes.to_vec();
     sorted.sort_unstable_by(f64::total_cmp);
-    let stray = (STRAY * sizes.len() as f64) as usize;
+    let stray = (tuned::STRAY_BURSTS * sizes.len() as f64) as usize;
     let (low, high) = (sorted.get(stray)?, sorted[sizes.len() - 1 - stray]);
     let is_steady = high - low <= (1.0 + tuned::GAIN_BOUND).ln();
     if sizes.len() < FEW || is_steady {

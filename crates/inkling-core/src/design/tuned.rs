@@ -26,6 +26,8 @@ pub const WRONG_SD: f64 = 6.0;
 pub const ODD_CHANNEL: f64 = 8.0;
 /// A common change of the amplitude beyond this, relative, is warned about: a supply sags by less.
 pub const GAIN_BOUND: f64 = 0.25;
+/// Share of the labelled bursts at either end whose size says nothing of the gain: a few without a drop are no other.
+pub const STRAY_BURSTS: f64 = 0.05;
 /// Standard deviations of a sudden change that all channels have in common: of ln amplitude; of
 /// ln damping and of ln frequency, in units of ln (1 + their bound in `[identify]`); and of the
 /// phase, rad. A change beyond five of these is no ink.

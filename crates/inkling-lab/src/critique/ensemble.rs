@@ -175,7 +175,8 @@ fn mean_power(left: &[Residual], v: f64, omega: f64) -> (f64, f64) {
 }
 
 /// The line of random phase that all signals share, its frequency in rad per signal length; and its excess over
-/// white noise, over that of the neighbouring frequencies. `v`: variance of the noise. In white noise a periodogram is exponentially distributed, so the cube root of
+/// white noise, over that of the neighbouring frequencies. `v`: variance of the noise. In white noise a
+/// periodogram is exponentially distributed, so the cube root of
 /// the mean over m signals is nearly normal. The largest of n independent frequencies is looked at, which
 /// adds ln n to the logarithm of its probability.
 fn pooled_line(left: &[Residual], n: usize, v: f64) -> (Candidate, f64) {

@@ -6,7 +6,8 @@
 //! In a burst, output j shows y_j = g_j x + h_j x'/omega + sum_w (a_w cos + b_w sin) e^{-sigma_w t} + offset,
 //! where x(t) follows the equation of `motion.rs` from the burst's own start. Of the first output g = 1 and
 //! h = 0; of the others these shares of displacement and velocity are fitted. The amplitudes of waves and the
-//! offset are free in every series. They are linear, so they are no numbers here: `fit.rs` eliminates them. Derivatives of the motion are central differences.
+//! offset are free in every series. They are linear, so they are no numbers here: `fit.rs`
+//! eliminates them. Derivatives of the motion are central differences.
 
 use super::decays::Decays;
 use super::motion::Motion;
