@@ -87,3 +87,21 @@ fn a_fault_stays_one_where_few_of_the_channels_are_heard() {
         assert_eq!(others, 0, "{heard} channels");
     }
 }
+
+/// A fault of more than half of a head is a fault, and not ageing: further channels that get it are faulty, too,
+/// and not replaced, and all are healthy once it is cured.
+#[test]
+fn a_fault_of_most_channels_hides_none_of_the_others() {
+    let dried = Vector4::new(0.0, 0.6, -0.005, 0.0);
+    for (seed, first) in [(91, 10), (92, 16), (93, 18), (94, 20), (95, 20)] {
+        let mut world = World::new(seed, 32);
+        night(&mut world, none);
+        let of = |n: usize| move |k: usize| dried * f64::from(u8::from(k < n));
+        let then = night(&mut world, of(first));
+        assert_eq!(then, (0..first as u32).collect::<Vec<_>>());
+        let then = night(&mut world, of(first + 5));
+        assert_eq!(then, (0..first as u32 + 5).collect::<Vec<_>>());
+        assert!(world.head.wider() < 2.0, "{}", world.head.wider());
+        assert_eq!(night(&mut world, none), [0u32; 0], "{first} of 32");
+    }
+}
