@@ -30,6 +30,7 @@ const MISTAKES: &[(&str, i32, &str)] = &[
     ("generate completions fsh", 2, "'fish'"),
     // what is no longer there
     ("train {T} --labels {L} -o d.json --outcomes x.csv", 2, "the file of `--labels`"),
+    ("score {O} --labels {L} --report e.html", 2, "`score --json`"),
     ("report {O} -o r.html --set report.rows=2", 2, "the map shows neighbours"),
     // what is not given
     ("report", 2, "--output"),
