@@ -45,8 +45,8 @@ use std::path::{Path, PathBuf};
 With --truth, critiques are scored against what `inkling simulate --hide` put into their \
 recordings: as many truths as critiques, in the same order. Right: every effect by its name \
 (nothing: `none`; outside the catalogue: `unknown`). Tied: only names that the truth says \
-nobody could tell apart. Withheld: `unknown`. A truth that was changed after it was sealed is \
-refused.")]
+nobody could tell apart. Unknown: `unknown`, or a tie with another name. Missed: an effect has no \
+name. A truth that was changed after it was sealed is refused.")]
 pub struct Args {
     /// Verdict files, or directories of them; with --truth, critique.json files
     #[arg(required_unless_present = "design")]
