@@ -30,6 +30,7 @@ const MISTAKES: &[(&str, i32, &str)] = &[
     ("generate completions fsh", 2, "'fish'"),
     // what is no longer there
     ("train {T} --labels {L} -o d.json --outcomes x.csv", 2, "the file of `--labels`"),
+    ("score {O} --labels {L} --report e.html", 2, "`score --json`"),
     ("report {O} -o r.html --set report.rows=2", 2, "the map shows neighbours"),
     // what is not given
     ("report", 2, "--output"),
@@ -62,8 +63,13 @@ const MISTAKES: &[(&str, i32, &str)] = &[
     ("replay {R} --set identify.first=99999999999", 2, "more than 0 and"),
     ("replay {R} --set identify.first=soon", 2, "soon"),
     ("replay {R} --set identify.first=1e300", 2, "= 1e300"),
-    ("replay {R} --set episodes.false_per_million=1e-300", 2, "= 1e-300"),
-    ("replay {R} --set identify.grey_box.bound_factor=1e308", 2, "= 1e308"),
+    ("replay {R} --set episodes.false_per_million=1e-300", 2, "false_per_million = 1e-300"),
+    ("replay {R} --set episodes.reorder_signals=0", 2, "episodes.reorder_signals = 0"),
+    ("replay {R} --set identify.grey_box.bound_factor=1e308", 2, "bound_factor = 1e308"),
+    ("replay {R} --set identify.grey_box.a_per_s2=0", 2, "identify.grey_box.a_per_s2 = 0"),
+    ("replay {R} --set identify.grey_box.b_per_s2=nan", 2, "b_per_s2 = NaN: give a positive"),
+    ("replay {R} --set identify.grey_box.g_per_s=8.04e4", 2, "g_per_s = d_per_s"),
+    ("replay {R} --set identify.grey_box.d_per_s=inf", 2, "d_per_s = inf: give a positive"),
     ("replay {R} --set isolate.guess_sd=-1e-200", 2, "= -1e-200"),
     ("replay {R} --set identify.every=9", 2, "identify.every is no longer there"),
     ("replay {R} --config {R}", 2, "is not UTF-8 text"),

@@ -5,8 +5,7 @@ The classes check and arrange arguments, and call those of the same names in Rus
 
 from __future__ import annotations
 
-import os
-import tempfile
+import json
 import warnings
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any, Literal
@@ -105,19 +104,15 @@ class Design:
         """
         self._native.save(_checked.path("path", path))
 
-    def page(self, path: Path) -> None:
-        """Writes a page of what the design promises before any data are judged: the smallest fault of each
-        class that it finds, and the classes that it takes for each other.
+    def promise(self) -> dict[str, Any]:
+        """What the design promises before any data are judged: the smallest fault of each class that it finds
+        (`classes`), and how often it takes two classes for each other (`pairs`), as `inkling score --design
+        FILE --json` tells it.
 
-        path: a name that ends with `.html`. An existing file is replaced only if it is a page of inkling;
-            otherwise this raises `UsageError`.
+        Raises `Error` if it was trained by methods that promise nothing.
         """
-        page = _words.options(None, report=_checked.path("path", path))
-        with tempfile.TemporaryDirectory() as beside:
-            file = os.path.join(beside, "design.json")
-            self.save(file)
-            _, said = _inkling.verb(["score", *_words.options(None, design=file), *page])
-        warn(said)
+        promise: dict[str, Any] = json.loads(self._native.promise())
+        return promise
 
     @classmethod
     def train(

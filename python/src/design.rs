@@ -118,6 +118,12 @@ impl Design {
         py.detach(|| self.write(&path)).map_err(failed)
     }
 
+    /// What it can find, from itself alone, as JSON.
+    fn promise(&self, py: Python) -> PyResult<String> {
+        let design = self.design.clone();
+        waiting::for_(py, move |_| called::promise(&design))
+    }
+
     /// Verdicts and warnings. `options` are those of the command line. If a state is given, it is brought up
     /// to date.
     fn judge(

@@ -211,7 +211,6 @@ def test_files_of_others_are_not_replaced(design, tmp_path):
     at = lambda name: tmp_path / name
     for name, save, what in [
         ("labels.csv", design.save, "is no design"),
-        ("page.html", design.page, "is no page"),
         ("state.json", inkling.State(design).save, "is no file of baselines"),
     ]:
         at(name).write_text(theirs)
@@ -222,7 +221,7 @@ def test_files_of_others_are_not_replaced(design, tmp_path):
         ours = at(name).read_bytes()
         save(at(name))
         assert at(name).read_bytes() == ours != theirs.encode()
-    refused("is no design", design.save, at("page.html"))
+    refused("is no design", design.save, at("state.json"))
 
 
 def test_a_loaded_design_stays_its_file(design, tmp_path):

@@ -120,6 +120,7 @@ def test_a_design_learned_from_an_array_is_saved_and_found_again(tmp_path):
             for line in LABELS.read_text().splitlines()[1:]]
     learned = inkling.Design.train(samples, rows, printhead="dataset", **beside)
     assert learned.printheads == ["dataset"] and learned.samples == samples.shape[1] and len(learned.classes) == 9
+    assert {of["class"] for of in learned.promise()["classes"]} == set(learned.classes)
     learned.save(tmp_path / "design.json")
     again = inkling.Design.load(tmp_path / "design.json")
     assert again.digest == learned.digest

@@ -12,7 +12,7 @@ use super::collected::RecordingSource;
 use super::exit::{Exit, Failure};
 use super::progress::{called_by, take_messages};
 use super::train::{self, TrainedDesign, TrainingInput};
-use super::{Cli, critique, effect, notes, output, parse, replay};
+use super::{Cli, critique, effect, notes, output, parse, replay, score};
 use crate::pipeline::{self, Control, Replay};
 use crate::settings::Settings;
 use clap::Parser;
@@ -115,6 +115,11 @@ struct VerbOptions<A: clap::Args> {
 fn options_of<A: clap::Args>(options: &[String]) -> Result<A, Failure> {
     let words = [&["array".to_owned()], options].concat();
     Ok(parsed::<VerbOptions<A>>(&words)?.args)
+}
+
+/// What `inkling score --design FILE --json` tells of a design, under its key `promise`.
+pub fn promise(design: &Design) -> Result<String, Failure> {
+    Ok(serde_json::to_string(&score::promise_of(design)?).map_err(std::io::Error::from)?)
 }
 
 /// How `inkling replay OPTIONS` judges by a design. `digest`: the digest of the design's file.

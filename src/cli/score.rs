@@ -9,24 +9,20 @@
 //! * `--truth`: critiques against the truths that `inkling simulate --hide` sealed
 //!   (`score_critiques`).
 //!
-//! Out: text, JSON (`--json`), or a page with curves (`--report`).
+//! Out: text, or JSON (`--json`).
 
 use super::copies::{self, Table};
 use super::exit::{Exit, Failure};
 use super::progress::complain;
-use super::report_page::write_text;
-use super::{output, results, score_critiques, scored};
-use inkling_core::design::IsolateSettings;
-use inkling_core::fault::{HEALTHY, category};
-use inkling_core::labels::{Label, Labels, RecordedSpans, Span, known_states};
+use super::{results, score_critiques, scored};
+use inkling_core::design::{Design, IsolateSettings};
+use inkling_core::fault::category;
+use inkling_core::labels::{Labels, RecordedSpans, Span, known_states};
 use inkling_core::model::faults::Catalogue;
 use inkling_core::promise::Promise;
 use inkling_core::verdict::{Outcome, VerdictColumns};
 use inkling_io::verdict_reader::{self, VerdictReader};
-use inkling_io::{
-    design_file, episode_table, labels_file, outputs, printable, stored, summary_file,
-};
-use inkling_lab::score::curves::Curves;
+use inkling_io::{design_file, episode_table, labels_file, printable, stored, summary_file};
 use inkling_lab::score::episodes::{DetectedEpisode, EpisodeScore};
 use inkling_lab::score::severity::SeverityScore;
 use inkling_lab::score::{Prediction, Report, Score};
@@ -41,8 +37,6 @@ use std::path::{Path, PathBuf};
       with the episode tables beside the verdicts
   inkling score night.verdicts.parquet --labels labels.csv \\
       --json | jq .detection
-  inkling score verdicts/ --labels labels.csv --report evaluation.html
-      the same as a page with curves
   inkling score --design design.json
       no verdicts: which faults the design can find, and which it mistakes for
       each other
@@ -51,8 +45,8 @@ use std::path::{Path, PathBuf};
 With --truth, critiques are scored against what `inkling simulate --hide` put into their \
 recordings: as many truths as critiques, in the same order. Right: every effect by its name \
 (nothing: `none`; outside the catalogue: `unknown`). Tied: only names that the truth says \
-nobody could tell apart. Withheld: `unknown`. A truth that was changed after it was sealed is \
-refused.")]
+nobody could tell apart. Unknown: `unknown`, or a tie with another name. Missed: an effect has no \
+name. A truth that was changed after it was sealed is refused.")]
 pub struct Args {
     /// Verdict files, or directories of them; with --truth, critique.json files
     #[arg(required_unless_present = "design")]
@@ -66,9 +60,6 @@ pub struct Args {
     /// As JSON
     #[arg(long)]
     json: bool,
-    /// A page with curves: ROC, DET, delays, reliability, risk against coverage, severities
-    #[arg(long, value_name = "FILE", conflicts_with = "truth")]
-    report: Option<PathBuf>,
     /// Say also what this design promises, from itself alone: the smallest fault of each class that it
     /// finds, classes that it mistakes for each other
     #[arg(long, value_name = "DESIGN", conflicts_with = "truth")]
@@ -82,9 +73,6 @@ const ONE_QUANTITY: [&str; 2] = ["blocked_nozzle", "dried_nozzle"];
 
 /// Runs the verb: decides which of the three forms is asked for, and runs that.
 pub fn run(args: Args) -> Result<Exit, Failure> {
-    if let Some(page) = &args.report {
-        outputs::check_file(page, outputs::ResultFile::EvaluationPage)?;
-    }
     if !args.truth.is_empty() {
         return score_critiques::run(&args.verdicts, &args.truth, args.json);
     }
@@ -92,7 +80,7 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     let labels_path = match (&args.labels, &promise) {
         (Some(path), _) if !args.verdicts.is_empty() => path,
         (None, Some(promise)) if args.verdicts.is_empty() => {
-            return tell(&args, None, None, Some(promise));
+            return tell(args.json, None, Some(promise));
         }
         _ => {
             let what = "verdicts and --labels belong together: give both, or --design alone";
@@ -104,7 +92,7 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     // recordings below
     let labels = labels_file::read(labels_path)?;
     let files = results::find(&args.verdicts, "a score")?;
-    let mut scoring = Scoring::new(&labels, args.report.is_some());
+    let mut scoring = Scoring::new(&labels);
     let documents: Vec<serde_json::Value> =
         files.iter().map(|file| summary_file::of_table(&file.path).unwrap_or_default()).collect();
 
@@ -151,7 +139,7 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     if let Some(unused) = scoring.met.unused(&labels) {
         complain(&format!("note: {path}: {}", printable::line(&unused, 400)));
     }
-    tell(&args, Some(&report), scoring.curves.as_ref(), promise.as_ref())
+    tell(args.json, Some(&report), promise.as_ref())
 }
 
 /// Compares verdicts with labels row by row. Its fields are sums that grow with each row.
@@ -165,24 +153,21 @@ struct Scoring<'a> {
     /// The score of episodes, and whether a table of episodes was met yet.
     episodes: EpisodeScore<'a>,
     has_episodes: bool,
-    /// The curves of the page; `None`: no page is wanted.
-    curves: Option<Curves>,
     /// The printheads, channels and times that were met, against which the labels are checked.
     met: RecordedSpans,
 }
 
-/// A row of a verdict table, with the names to which its indices refer.
+/// A row of a verdict table, with the names to which its candidate refers.
 struct Row<'a> {
     /// The batch of rows that it is part of.
     c: &'a VerdictColumns,
     /// Its index in `c`.
     place: usize,
     classes: &'a [String],
-    categories: &'a [String],
 }
 
 impl<'a> Scoring<'a> {
-    fn new(labels: &'a Labels, with_curves: bool) -> Scoring<'a> {
+    fn new(labels: &'a Labels) -> Scoring<'a> {
         Scoring {
             labels,
             score: Score::default(),
@@ -190,7 +175,6 @@ impl<'a> Scoring<'a> {
             of_categories: SeverityScore::default(),
             episodes: EpisodeScore::new(labels),
             has_episodes: false,
-            curves: with_curves.then(Curves::default),
             met: RecordedSpans::default(),
         }
     }
@@ -235,10 +219,10 @@ impl<'a> Scoring<'a> {
         let has_episodes = stored::is_file(&episode_table::path_beside(path));
         while let Some(columns) = verdicts.next() {
             let c = &columns.map_err(Failure::new)?;
-            let (classes, categories) = (verdicts.classes(), verdicts.categories());
+            let classes = verdicts.classes();
             self.score.add_classes(classes);
             for place in 0..c.len() {
-                self.add_row(&Row { c, place, classes, categories }, has_episodes);
+                self.add_row(&Row { c, place, classes }, has_episodes);
             }
         }
         Ok(())
@@ -267,9 +251,6 @@ impl<'a> Scoring<'a> {
             self.episodes.add_signal(printhead, channel, t_ns, truth);
         }
         let Some(label) = truth else { return };
-        if let Some(curves) = &mut self.curves {
-            draw(curves, row, label, &prediction, &mut self.episodes);
-        }
         // sizes have the unit of their class, so one can only be compared if its class is the true
         // one
         if let (Some(stated), Some(size)) = (c.severity[row.place], label.severity)
@@ -317,32 +298,12 @@ impl<'a> Row<'a> {
             weights,
         }
     }
-
-    /// The class or category that the row names, or else its outcome.
-    fn word(&self) -> &'a str {
-        let (c, place) = (self.c, self.place);
-        let named = match (c.outcome[place], c.fault[place], c.category[place]) {
-            (Outcome::Faulty, Some(class), _) => self.classes.get(usize::from(class)),
-            (Outcome::Faulty, None, Some(category)) => self.categories.get(usize::from(category)),
-            _ => None,
-        };
-        named.map_or(c.outcome[place].as_str(), String::as_str)
-    }
 }
 
-/// Writes the page, if one is wanted, and prints the result: the score (`report`), the promise of a
-/// design, or both.
-fn tell(
-    args: &Args,
-    report: Option<&Report>,
-    curves: Option<&Curves>,
-    promise: Option<&Promise>,
-) -> Result<Exit, Failure> {
-    if let Some(page) = &args.report {
-        write_text(page, &crate::report::evaluation(report.zip(curves), promise))?;
-    }
-    let mut out = output::result(args.report.is_some());
-    if args.json {
+/// Prints the result: the score (`report`), the promise of a design, or both.
+fn tell(json: bool, report: Option<&Report>, promise: Option<&Promise>) -> Result<Exit, Failure> {
+    let mut out = std::io::stdout().lock();
+    if json {
         let mut document = report.map_or_else(|| json!({}), |report| json!(report));
         if let Some(promise) = promise {
             document["promise"] = json!(promise);
@@ -359,47 +320,21 @@ fn tell(
     Ok(Exit::Done)
 }
 
-/// The promise of the design at `path` (what it can find, from itself alone), with the default
-/// settings of isolation. A failure if it was trained by methods that promise nothing.
+/// The promise of the design at `path`.
 fn promise(path: &Path) -> Result<Promise, Failure> {
     let (design, _) = design_file::read(path)?;
-    let promise = design.promise(&IsolateSettings::default()).map_err(Failure::new)?;
-    promise.ok_or_else(|| {
-        let what = "promises nothing that could be computed: it was trained without the physics of faults \
-                    (isolate.method = posterior) or without detect.method = sensitivity";
-        Failure::new(format!("{}: {what}", path.display()))
-    })
+    promise_of(&design)
+        .map_err(|e| Failure { message: format!("{}: {}", path.display(), e.message), ..e })
 }
 
-/// Adds a judged row with a label to the curves of the page. `faults`: knows which labels are one fault.
-fn draw(
-    curves: &mut Curves,
-    row: &Row,
-    label: &Label,
-    prediction: &Prediction,
-    faults: &mut EpisodeScore,
-) {
-    let (c, place) = (row.c, row.place);
-    // detection: the statistic over the threshold, and for a faulty signal the labelled fault that
-    // it belongs to, since delays count from the fault's onset
-    let is_healthy = label.state == HEALTHY;
-    let event = (!is_healthy).then(|| {
-        let (printhead, channel) = (&c.printheads[c.printhead[place] as usize], c.channel[place]);
-        let fault = faults.fault_at(printhead, channel, c.acquired_at_ns[place]);
-        (printhead.clone(), channel, fault.map_or(label.from_ns, |fault| Some(fault.from_ns)))
-    });
-    if let Some((statistic, threshold)) = c.statistic[place].zip(c.threshold[place]) {
-        curves.add(f64::from(statistic) / f64::from(threshold), event);
-    }
-
-    // isolation: certainty and severity count only for faulty signals with a candidate
-    curves.add_confusion(&label.state, row.word());
-    let Some(candidate) = prediction.candidate.filter(|_| !is_healthy) else { return };
-    let is_right = candidate == label.state;
-    if let Some(certainty) = prediction.certainty {
-        curves.add_certainty(certainty, is_right);
-    }
-    if let (Some(stated), Some(size), true) = (c.severity[place], label.severity, is_right) {
-        curves.add_severity(&label.state, size, stated.into());
-    }
+/// The promise of a design (what it can find, from itself alone), with the default settings of isolation. A
+/// failure if it was trained by methods that promise nothing.
+pub fn promise_of(design: &Design) -> Result<Promise, Failure> {
+    let promise = design.promise(&IsolateSettings::default()).map_err(Failure::new)?;
+    promise.ok_or_else(|| {
+        Failure::new(
+            "promises nothing that could be computed: it was trained without the physics of faults \
+             (isolate.method = posterior) or without detect.method = sensitivity",
+        )
+    })
 }

@@ -14,7 +14,6 @@
 
 use super::source::Source;
 use super::survey::{Head, Survey};
-use inkling_lab::score::curves::wilson;
 
 /// Counts of the signals outside of every episode, over all printheads and recordings.
 #[derive(Clone, Debug, Default)]
@@ -63,6 +62,17 @@ impl FalseAlarms {
     }
 }
 
+/// 95 % interval of a share from `hits` among `n` independent signals (Wilson 1927). Both may be fractions,
+/// as for an effective number of signals.
+fn wilson(hits: f64, n: f64) -> [f64; 2] {
+    const Z2: f64 = 1.96 * 1.96;
+    let share = hits / n.max(1.0);
+    let middle = (share + Z2 / (2.0 * n.max(1.0))) / (1.0 + Z2 / n.max(1.0));
+    let spread = share * (1.0 - share) / n.max(1.0) + Z2 / (4.0 * n.max(1.0).powi(2));
+    let half = (Z2 * spread).sqrt() / (1.0 + Z2 / n.max(1.0));
+    [(middle - half).max(0.0), (middle + half).min(1.0)]
+}
+
 /// Least and greatest `detect.false_alarm_rate` in the settings of those recordings whose threshold is a
 /// quantile. Of a recording that was judged by a design these are the design's.
 fn promised(sources: &[Source]) -> Option<(f64, f64)> {
@@ -101,5 +111,16 @@ mod tests {
         assert!(one.standard_error > 10.0 * spread.standard_error);
         // one of some hundred independent signals (Wilson): .0018 to .054
         assert!(one.interval()[0] < 0.002 && one.interval()[1] > 0.05);
+    }
+
+    #[test]
+    fn wilson_is_the_published_interval() {
+        // Newcombe 1998, table I: 81 of 263, 15 of 148, 0 of 20
+        for (hits, n, low, high) in
+            [(81.0, 263.0, 0.2553, 0.3662), (15.0, 148.0, 0.0624, 0.1605), (0.0, 20.0, 0.0, 0.1611)]
+        {
+            let [a, b] = wilson(hits, n);
+            assert!((a - low).abs() < 1e-4 && (b - high).abs() < 1e-4, "{hits}/{n}: {a} {b}");
+        }
     }
 }

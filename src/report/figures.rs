@@ -2,8 +2,7 @@
 //! temperature or time.
 //!
 //! In: a [`Report`] (`trends`), or its healthy models (`drift`). Out: SVG in HTML. The titles say
-//! what the figures show, from the same words as the list. `drawn` is also what the evaluation's
-//! page draws with.
+//! what the figures show, from the same words as the list.
 
 use super::Report;
 use super::drift::{ModelPoint, per_kelvin};
@@ -154,10 +153,7 @@ fn quantity(
         _ => return None,
     };
     let y = Axis::new(&format!("{}, {unit}", what.to_lowercase()));
-    Some(drawn(&Figure::new(finding, Axis::new(&x), y, series)))
-}
-
-/// A figure as HTML, with its title as the text for those who do not see it.
-pub fn drawn(figure: &Figure) -> String {
-    page::figure(figure, SIZE, &figure.title)
+    // for those who do not see it, it says its title
+    let figure = Figure::new(finding, Axis::new(&x), y, series);
+    Some(page::figure(&figure, SIZE, &figure.title))
 }

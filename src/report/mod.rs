@@ -18,7 +18,7 @@
 //! What people have acknowledged (`acknowledged`) is heeded in steps 2 and 3: a replaced channel's stories end there,
 //! known faults and known damage are marked, and are no news.
 //!
-//! `evaluation` and `promised` are other pages made by the same means, for the verb `score`.
+//! `promised` words what a design promises, for the verbs `score` and `identify`.
 
 mod account;
 mod acknowledged;
@@ -28,7 +28,6 @@ mod clocks;
 mod counts;
 mod coverage;
 mod drift;
-mod evaluation;
 mod false_alarms;
 mod fault;
 mod figures;
@@ -61,7 +60,6 @@ pub use acknowledged::{
 };
 pub use changes::Changes;
 pub use clocks::{Clocks, WrongStretch};
-pub use evaluation::html as evaluation;
 pub use fault::{Fault, certain_trend, forecast_in_words, size, trend_in_words, what};
 pub use head_changes::HeadChange;
 pub use list::print;

@@ -1,13 +1,11 @@
-//! The promise of a design, as a section of the evaluation's page (`html`) and as text on a
-//! terminal (`print`, for `score` and `identify`).
+//! The promise of a design as text on a terminal, for `score` and `identify`.
 //!
-//! In: a [`Promise`], which the design computed from its own physics. Out: HTML or text: the
-//! smallest fault of each class that is found, and the classes that are mistaken for each other.
+//! In: a [`Promise`], which the design computed from its own physics. Out: the smallest fault of
+//! each class that is found, and the classes that are mistaken for each other.
 
 use super::words::{Column, columns, counted};
 use inkling_core::fault;
 use inkling_core::promise::{Detectable, FOUND, Pair, Promise};
-use inkling_lab::plot::page::{list, name, note, section, table, wide};
 use std::io::{self, Write};
 
 /// Two classes count as told apart if they are mistaken in a smaller share of their flagged signals.
@@ -27,7 +25,7 @@ fn smallest(d: &Detectable) -> String {
 
 /// A row for each class: the class, its sizes in the unit of the verdict table, the smallest that is
 /// found, the share of its signals that is found over all sizes, and what the sizes measure. `safe`:
-/// makes a text safe for where it is told.
+/// makes a text safe for a terminal.
 fn classes(promise: &Promise, safe: impl Fn(&str) -> String) -> Vec<[String; 5]> {
     let row = |d: &Detectable| {
         let [class, quantity] = [&*d.class, fault::quantity(&d.class)].map(&safe);
@@ -67,28 +65,6 @@ fn basis(promise: &Promise) -> String {
          channels were as it believes.",
         promise.draws
     )
-}
-
-/// The section of the evaluation's page: a table of the classes, and a list of the confused pairs.
-pub fn html(promise: &Promise) -> String {
-    let heads = ["class", ">sizes of it", ">smallest found", ">found of all", "size is"];
-    let (pairs, apart) = confused(promise, name);
-    let found = 100.0 * FOUND;
-    let parts = [
-        note(&basis(promise)),
-        format!(
-            "<h3>Detectability: the smallest fault that is found in {found:.0} % of its signals</h3>\n"
-        ),
-        wide(&table("", &heads, classes(promise, name))),
-        "<h3>Isolability: classes that are mistaken for each other</h3>\n".to_owned(),
-        note(
-            "Of the flagged signals of the one the share whose best class is the other, mean of both ways; classes \
-             of one kind (blocked and partly blocked, the three degrees of drying) differ by size alone.",
-        ),
-        list(pairs),
-        note(&apart),
-    ];
-    section("What the design promises", &parts.concat())
 }
 
 /// Writes the promise for a terminal. `printable`: makes a text safe and cuts it to a number of characters.

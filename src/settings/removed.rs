@@ -7,12 +7,13 @@
 use toml::{Table, Value};
 
 /// Options of any verb, and what to use instead.
-const OPTIONS: [(&str, &str); 3] = [
+const OPTIONS: [(&str, &str); 4] = [
     (
         "--doubts",
         "the page and `--json` list what has no name; write what you found into the labels",
     ),
     ("--outcomes", "write what you found into the file of `--labels`: later rows win"),
+    ("--report", "`score --json` holds the numbers"),
     ("--rotate", "the table is written at the end; `--serve` shows what is going on"),
 ];
 

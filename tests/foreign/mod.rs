@@ -20,7 +20,7 @@ use inkling::burst::{Beside, Burst};
 use inkling::critique::engine::{Rings, critique};
 use inkling::critique::finding::{Critique, Verdict};
 use inkling::critique::observations::Sampler;
-use inkling::score::blind::{Blind, CritiqueAnswer, Kind, Outcome};
+use inkling::score::blind::{Blind, CritiqueAnswer, Outcome};
 use inkling::score::truth::Truth;
 use plant::Plant;
 use rand::{RngExt, SeedableRng};
@@ -249,10 +249,9 @@ fn foreign_table() {
         _ => null(first, count, 1),
     };
     let Outcomes { families, all } = judged(&cases);
-    for (family, blind) in families.iter().filter(|_| all.row(Kind::Nothing, 0..=0).recordings > 0)
-    {
-        let row = blind.row(Kind::Nothing, 0..=u32::MAX);
-        println!("{family:<16} {} of {} right", row.count(Outcome::Right), row.recordings);
+    for (family, blind) in families {
+        let row = blind.total();
+        println!("{family:<16} {} of {} right", row.count(Outcome::Right), row.recordings());
     }
     println!("{}", all.markdown());
 }
@@ -264,8 +263,8 @@ fn nothing_is_named_in_healthy_runs_of_any_family() {
     let mut cases = null(400_000, 51, 1);
     // of three turns of the sizes each family leaves out another one
     cases.retain(|case| !(case.seed % 17 + case.seed / 17).is_multiple_of(3));
-    let row = judged(&cases).all.row(Kind::Nothing, 0..=0);
-    assert_eq!((row.count(Outcome::Right), row.recordings), (34, 34), "{row:?}");
+    let row = judged(&cases).all.total();
+    assert_eq!((row.count(Outcome::Right), row.recordings()), (34, 34), "{row:?}");
 }
 
 /// Each effect once: no wrong name, and not less than a share of right answers.
@@ -274,14 +273,14 @@ fn effects_have_their_own_name_or_none_whoever_put_them_in() {
     let (named, unnamed) = (&[Outcome::Right, Outcome::Tied][..], &[Outcome::Right][..]);
     let (catalogue, others) = (Effect::all(true), Effect::all(false));
     let mut goals = Goals::default();
-    for (what, effects, strength, first_seed, kind, right, least) in [
-        ("clearly there", &catalogue, 6.0, 500_000, Kind::One, named, 0.9),
+    for (what, effects, strength, first_seed, right, least) in [
+        ("clearly there", &catalogue, 6.0, 500_000, named, 0.9),
         // where some are missed
-        ("barely there", &catalogue, 2.0, 520_000, Kind::One, named, 0.75),
-        ("not in the catalogue", &others, 8.0, 510_000, Kind::Outside, unnamed, 0.9),
+        ("barely there", &catalogue, 2.0, 520_000, named, 0.75),
+        ("not in the catalogue", &others, 8.0, 510_000, unnamed, 0.9),
     ] {
         let cases = planted(effects, &[strength], first_seed, effects.len() as u64);
-        let row = judged(&cases).all.row(kind, 0..=99);
+        let row = judged(&cases).all.total();
         goals.met(row.share(right) >= least, format!("{what}, at least {least}: {row:?}"));
         goals.met(row.count(Outcome::Wrong) == 0, format!("{what}, no wrong name: {row:?}"));
     }
@@ -292,7 +291,7 @@ fn effects_have_their_own_name_or_none_whoever_put_them_in() {
 #[test]
 fn crosstalk_is_named_in_any_phase() {
     let cases = planted(&[Effect::NeighboursRing], &[2.0, 4.0, 8.0, 16.0], 540_000, 40);
-    let row = judged(&cases).all.row(Kind::One, 0..=99);
+    let row = judged(&cases).all.total();
     let mut goals = Goals::default();
     goals.met(row.share(&[Outcome::Right]) >= 0.95, format!("in any phase, at least .95: {row:?}"));
     goals.met(row.count(Outcome::Wrong) == 0, format!("in any phase, no wrong name: {row:?}"));
@@ -304,12 +303,13 @@ fn crosstalk_is_named_in_any_phase() {
 #[test]
 fn correlated_noise_is_named_where_it_is_an_autoregression_alone() {
     let strengths = [2.0, 4.0, 8.0, 16.0];
-    let judged = |effect, first_seed| judged(&planted(&[effect], &strengths, first_seed, 16)).all;
+    let judged =
+        |effect, first_seed| judged(&planted(&[effect], &strengths, first_seed, 16)).all.total();
     let mut goals = Goals::default();
-    let named = judged(Effect::CorrelatedNoise, 560_000).row(Kind::One, 0..=99);
+    let named = judged(Effect::CorrelatedNoise, 560_000);
     goals.met(named.share(&[Outcome::Right]) >= 0.95, format!("an autoregression: {named:?}"));
     for (effect, first_seed) in [(Effect::TelegraphNoise, 550_000), (Effect::PinkNoise, 550_100)] {
-        let row = judged(effect, first_seed).row(Kind::Outside, 0..=99);
+        let row = judged(effect, first_seed);
         goals.met(row.share(&[Outcome::Right]) >= 0.95, format!("{effect:?} is unknown: {row:?}"));
         goals.met(row.count(Outcome::Wrong) == 0, format!("{effect:?} has no name: {row:?}"));
     }

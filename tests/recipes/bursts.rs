@@ -112,13 +112,6 @@ fn other(burst: &Burst, change: &[&str], first: &[Vec<f64>]) -> Burst {
             let turned = with_signals(&b, &counts(&b), (Format::S16Le, Layout::SampleMajor));
             Burst { layout: Layout::ChannelMajor, ..turned }
         }
-        // so many times as many channels, all alike
-        ["wide", times] => {
-            let times: u32 = times.parse().unwrap();
-            let samples = b.samples.repeat(times as usize).into();
-            let (idle_time_s, neighbours_fired) = Default::default();
-            Burst { channels: times * b.channels, samples, idle_time_s, neighbours_fired, ..b }
-        }
         ["sample_major"] => with_signals(&b, &counts(&b), SAMPLE_MAJOR_FLOATS),
         ["scaled", by] => with_samples(&b, |_, _, y| value(by) * y),
         ["short"] => Burst { samples: b.samples.slice(..b.samples.len() - 2), ..b },

@@ -7,7 +7,7 @@ pub use bursts::{divided, made, on_day, some};
 pub use shows::{is_inert, results, results_in};
 
 use crate::by_hand::by_hand;
-use crate::dialects::writers::{self, Messages, Samples, Written};
+use crate::dialects::writers::{self, Messages, Written};
 use crate::house::{House, between};
 use crate::recorded::{self, batches, rows, sample};
 use inkling::io::burst_codec;
@@ -82,17 +82,10 @@ pub fn own_messages() -> Written {
     }
 }
 
-/// A recording in another encoding, `json some 0 6`; behind `++` bursts of ours in it.
+/// A recording in JSON, `some 0 6`; behind `++` bursts of ours in it.
 fn foreign(words: &str) -> Vec<u8> {
-    let (encoding, words) = words.split_once(' ').expect("an encoding and bursts");
     let (theirs, ours) = words.split_once(" ++ ").unwrap_or((words, "none"));
-    let written = match encoding {
-        "json" => writers::json(),
-        "packed" => writers::protobuf(Samples::Packed),
-        "cdr" => writers::ros2(false),
-        _ => panic!("no encoding is called {encoding}"),
-    };
-    let native = own_messages();
+    let (written, native) = (writers::json(), own_messages());
     let mut messages = Messages::default();
     messages.add_bursts(&written, &made(theirs));
     for burst in made(ours) {

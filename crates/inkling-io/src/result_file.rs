@@ -35,9 +35,8 @@ pub enum ResultFile {
     Account,
     Journal,
     Summary,
-    /// An HTML page of `report`, of `score`, of `critique`.
+    /// An HTML page of `report`, of `critique`.
     Page,
-    EvaluationPage,
     CritiquePage,
     Manual,
     Recording,
@@ -69,11 +68,8 @@ const BY_KEYS: [(ResultFile, &[&str]); 9] = [
     (ResultFile::Models, &["models"]),
 ];
 
-/// The titles of pages that are not of `report`.
-const PAGES: [(ResultFile, &str); 2] = [
-    (ResultFile::EvaluationPage, "Evaluation of verdicts"),
-    (ResultFile::CritiquePage, "Model critique"),
-];
+/// What marks a page of `critique`; one of `report` has a title with dates.
+const TITLE_OF_CRITIQUE: &str = "<title>Model critique<";
 
 /// The key of inkling's metadata in a Parquet footer, as Thrift's compact protocol writes a pair of texts. A name or
 /// value that happens to be the word has no value after it.
@@ -107,8 +103,8 @@ impl ResultFile {
                 is(library(head) == Some(b"inkling"), ResultFile::Recording)
             }
             _ if says("<meta name=\"generator\" content=\"inkling\">") => {
-                let of_title = PAGES.iter().find(|(_, title)| says(&format!("<title>{title}<")));
-                Some(of_title.map_or(ResultFile::Page, |(kind, _)| *kind))
+                let of_critique = says(TITLE_OF_CRITIQUE);
+                Some(if of_critique { ResultFile::CritiquePage } else { ResultFile::Page })
             }
             _ if says(".TH inkling") => Some(ResultFile::Manual),
             _ => is(holds_line_of_journal(file)?, ResultFile::Journal),
@@ -129,7 +125,6 @@ impl ResultFile {
             ResultFile::Journal => ("journal of a replay", ""),
             ResultFile::Summary => ("summary of a recording's verdicts", ""),
             ResultFile::Page => ("page of `inkling report`", ""),
-            ResultFile::EvaluationPage => ("page of `inkling score`", ""),
             ResultFile::CritiquePage => ("page of `inkling critique`", ""),
             ResultFile::Manual => ("manual page of inkling", ""),
             ResultFile::Recording => ("recording that inkling made", "`inkling replay` judges it"),
@@ -259,10 +254,10 @@ mod tests {
         let of_others =
             b"\x89MCAP0\r\n\x01\x10\0\0\0\0\0\0\0\0\0\0\0\x08\0\0\0mcap-cpp inkling.Burst";
         let torn = b"ath\":\"x\"}\n<<<<\n{\"version\":2,\"recording\":1,\"outcome\":1,\"by\":1}\n";
-        let evaluation = page.replace("<title>a<", "<title>Evaluation of verdicts<");
+        let critique = page.replace("<title>a<", TITLE_OF_CRITIQUE);
         let files: [(&[u8], Option<ResultFile>); 23] = [
             (torn, Some(Journal)),
-            (evaluation.as_bytes(), Some(EvaluationPage)),
+            (critique.as_bytes(), Some(CritiquePage)),
             (design, Some(Design)),
             (br#"{"models": []}"#, Some(Models)),
             (br#"{"version": 2, "design": null, "printheads": {}}"#, Some(Baselines)),

@@ -40,8 +40,6 @@ pub enum Mark {
     Band,
     /// Bars, each from one point to the next (so points come in pairs), with a dot in the middle.
     Bars,
-    /// Bars without dots, for intervals whose middle is not what was measured.
-    Spans,
 }
 
 /// Points (x, y) that are drawn alike, under one name. A series with an empty name is not in the
@@ -234,14 +232,12 @@ impl Figure {
                 let area: Vec<(f64, f64)> = points.collect();
                 chart.draw_series([Polygon::new(area, colour.mix(0.18).filled())])
             }
-            Mark::Bars | Mark::Spans => {
+            Mark::Bars => {
                 // one bar for each two points
                 let edges: Vec<(f64, f64)> = points.collect();
                 let bars = edges.as_chunks::<2>().0;
-                let middles = bars
-                    .iter()
-                    .map(|[p, q]| (0.5 * (p.0 + q.0), 0.5 * (p.1 + q.1)))
-                    .filter(|at| series.mark == Mark::Bars && inside(at));
+                let middles =
+                    bars.iter().map(|[p, q]| (0.5 * (p.0 + q.0), 0.5 * (p.1 + q.1))).filter(inside);
                 chart
                     .draw_series(middles.map(|at| Circle::new(at, 4, colour.filled())))
                     .map_err(text)?;

@@ -10,10 +10,9 @@
 //! over total: plain accuracy.
 //!
 //! Scores of other things are in the modules: `severity` (sizes), `episodes` (faults over several
-//! bursts), `curves` (other thresholds), `blind` (critiques).
+//! bursts), `blind` (critiques).
 
 pub mod blind;
-pub mod curves;
 pub mod episodes;
 pub mod severity;
 mod sums;

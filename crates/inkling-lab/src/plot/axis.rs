@@ -36,11 +36,6 @@ impl Axis {
         Axis { log: true, ..Axis::new(label) }
     }
 
-    /// A linear axis with a fixed range.
-    pub fn within(low: f64, high: f64, label: &str) -> Axis {
-        Axis { range: Some((low, high)), ..Axis::new(label) }
-    }
-
     /// Coordinate of a value. Values that have no logarithm lie far below any axis.
     pub(super) fn at(&self, v: f64) -> f64 {
         if self.log { v.max(f64::MIN_POSITIVE).log10() } else { v }

@@ -1,5 +1,5 @@
-//! The page that figures and tables stand on: HTML that loads nothing and runs nothing. The report,
-//! the evaluation and the critique's report are made with it.
+//! The page that figures and tables stand on: HTML that loads nothing and runs nothing. The report
+//! and the critique's report are made with it.
 //!
 //! In: a title and a body of markup. Out: the text of an HTML file. Names in a recording may be
 //! anything, so whoever makes the body must put every text that does not come from this program

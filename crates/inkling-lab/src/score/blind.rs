@@ -1,14 +1,12 @@
 //! Scores critiques against what a simulation hid in the recordings that were criticised.
 //!
 //! In: for each recording a `CritiqueAnswer` (from its `critique.json`) and its [`Truth`], from `inkling score
-//! --truth` and the tests of hidden effects. Out: a [`Blind`], which counts outcomes by kind of truth, by effect
-//! and by strength. A critique names *causes*; a simulation hides *effects*. A *tie* is a group of causes that
+//! --truth` and the tests of hidden effects. Out: a [`Blind`], which counts outcomes by effect and by strength. A critique names *causes*; a simulation hides *effects*. A *tie* is a group of causes that
 //! the critique could not tell apart.
 
 use super::truth::{Circumstance, TrueEffect, Truth};
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
-use std::ops::RangeInclusive;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -48,7 +46,7 @@ pub struct NamedCause {
     pub tied_with: Vec<String>,
 }
 
-/// The outcome for one recording.
+/// The outcome for one recording. The later one is the worse.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Outcome {
@@ -57,13 +55,10 @@ pub enum Outcome {
     Right,
     /// Right, but for a tie of names that, as the truth says, nobody could tell apart.
     Tied,
-    /// A tie that holds the truth, and a name that could have been told apart from it.
-    WideTie,
-    /// Some effects are named, but not all.
-    Partly,
-    /// The verdict is `unknown` though the effects have names, or though there is nothing but unusual noise.
-    Withheld,
-    /// The verdict is `none` though there is an effect.
+    /// The verdict is `unknown` though the effects have names, or though there is nothing but unusual noise;
+    /// or a tie holds the truth, and a name that could have been told apart from it.
+    Unknown,
+    /// The verdict is `none` though there is an effect, or of several effects not all are named.
     Missed,
     /// A name is not the truth's; or something was found where nothing is hidden; or one
     /// cause alone was named where the truth can only be tied.
@@ -71,12 +66,10 @@ pub enum Outcome {
 }
 
 /// In the order of the outcomes.
-const WORDS: [(Outcome, &str); 7] = [
+const WORDS: [(Outcome, &str); 5] = [
     (Outcome::Right, "right"),
     (Outcome::Tied, "tied"),
-    (Outcome::WideTie, "wide tie"),
-    (Outcome::Partly, "one of two"),
-    (Outcome::Withheld, "withheld"),
+    (Outcome::Unknown, "unknown"),
     (Outcome::Missed, "missed"),
     (Outcome::Wrong, "wrong"),
 ];
@@ -120,11 +113,11 @@ pub fn outcome(answer: &CritiqueAnswer, truth: &Truth) -> Outcome {
     if claims.is_empty() {
         let outside = truth.effects.iter().all(|e| !e.in_catalogue);
         return match (answer.verdict, truth.effects.is_empty()) {
-            (Verdict::Unknown, true) if is(Circumstance::HeavyTails) => Outcome::Withheld,
+            (Verdict::Unknown, true) if is(Circumstance::HeavyTails) => Outcome::Unknown,
             (Verdict::Unknown, true) => Outcome::Wrong,
             (_, true) => Outcome::Right,
             (Verdict::Unknown, false) if outside => Outcome::Right,
-            (Verdict::Unknown, false) => Outcome::Withheld,
+            (Verdict::Unknown, false) => Outcome::Unknown,
             (_, false) => Outcome::Missed,
         };
     }
@@ -147,73 +140,54 @@ pub fn outcome(answer: &CritiqueAnswer, truth: &Truth) -> Outcome {
             _ if claim.iter().all(|name| effect.ties.iter().any(|tie| tie == name)) => {
                 Outcome::Tied
             }
-            _ => Outcome::WideTie,
+            _ => Outcome::Unknown,
         });
     }
-    if said != Outcome::Wrong && !open.is_empty() { Outcome::Partly } else { said }
+    if open.is_empty() { said } else { said.max(Outcome::Missed) }
 }
 
-/// Recordings of one sort.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Row {
-    pub recordings: u32,
-    outcomes: BTreeMap<Outcome, u32>,
-}
+/// How many recordings have each outcome.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Row(BTreeMap<Outcome, u32>);
 
 impl Row {
     pub fn count(&self, outcome: Outcome) -> u32 {
-        self.outcomes.get(&outcome).copied().unwrap_or(0)
+        self.0.get(&outcome).copied().unwrap_or(0)
+    }
+
+    pub fn recordings(&self) -> u32 {
+        self.0.values().sum()
     }
 
     /// Share of the recordings that have one of these outcomes; NaN without recordings.
     pub fn share(&self, outcomes: &[Outcome]) -> f64 {
         let n: u32 = outcomes.iter().map(|o| self.count(*o)).sum();
-        f64::from(n) / f64::from(self.recordings)
+        f64::from(n) / f64::from(self.recordings())
     }
-}
-
-/// What was hidden in a recording: nothing, one effect of the catalogue, two effects or more, or
-/// one effect that the catalogue lacks.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Kind {
-    Nothing,
-    One,
-    Two,
-    Outside,
 }
 
 #[derive(Clone, Debug, Default)]
 pub struct Blind {
-    /// By kind, effects (`a + b` for two) and strength in detection limits, rounded; of two effects the weaker
-    /// one's strength, and 0 where nothing is hidden.
-    rows: BTreeMap<(Kind, String, u32), Row>,
+    /// By effects (`a + b` for two; empty: nothing is hidden) and strength in detection limits, rounded; of two
+    /// effects the weaker one's strength, and 0 where nothing is hidden.
+    rows: BTreeMap<(String, u32), Row>,
 }
 
 impl Blind {
     pub fn add(&mut self, answer: &CritiqueAnswer, truth: &Truth) -> Outcome {
-        let kind = match truth.effects.as_slice() {
-            [] => Kind::Nothing,
-            [one] if one.in_catalogue => Kind::One,
-            [_] => Kind::Outside,
-            _ => Kind::Two,
-        };
         let ids: Vec<&str> = truth.effects.iter().map(|e| e.id.as_str()).collect();
         let strength = truth.effects.iter().map(|e| e.strength_dl).reduce(f64::min).unwrap_or(0.0);
-        let row = self.rows.entry((kind, ids.join(" + "), strength.round() as u32)).or_default();
+        let row = self.rows.entry((ids.join(" + "), strength.round() as u32)).or_default();
         let outcome = outcome(answer, truth);
-        row.recordings += 1;
-        *row.outcomes.entry(outcome).or_default() += 1;
+        *row.0.entry(outcome).or_default() += 1;
         outcome
     }
 
-    /// All recordings of a kind whose strength lies in the range.
-    pub fn row(&self, kind: Kind, strengths: RangeInclusive<u32>) -> Row {
+    /// All recordings.
+    pub fn total(&self) -> Row {
         let mut sum = Row::default();
-        let of = self.rows.iter().filter(|((k, _, s), _)| *k == kind && strengths.contains(s));
-        for (_, row) in of {
-            sum.recordings += row.recordings;
-            row.outcomes.iter().for_each(|(o, n)| *sum.outcomes.entry(*o).or_default() += n);
-        }
+        let counts = self.rows.values().flat_map(|row| &row.0);
+        counts.for_each(|(outcome, n)| *sum.0.entry(*outcome).or_default() += n);
         sum
     }
 
@@ -222,20 +196,20 @@ impl Blind {
         let heads: String = WORDS.iter().map(|(_, word)| format!(" {word} |")).collect();
         let rule = "---|".repeat(WORDS.len() + 3);
         let mut text = format!("| hidden | DL | recordings |{heads}\n|{rule}\n");
-        for ((_, effects, strength), row) in &self.rows {
+        for ((effects, strength), row) in &self.rows {
             let counts: String =
                 WORDS.iter().map(|(of, _)| format!(" {} |", row.count(*of))).collect();
             let effects = if effects.is_empty() { "nothing" } else { effects };
-            text += &format!("| {effects} | {strength} | {} |{counts}\n", row.recordings);
+            text += &format!("| {effects} | {strength} | {} |{counts}\n", row.recordings());
         }
         text
     }
 
     /// The same as a list.
     pub fn json(&self) -> serde_json::Value {
-        let row = |((_, effects, strength), row): (&(Kind, String, u32), &Row)| {
+        let row = |((effects, strength), row): (&(String, u32), &Row)| {
             serde_json::json!({
-                "hidden": effects, "strength_dl": strength, "recordings": row.recordings, "outcomes": row.outcomes
+                "hidden": effects, "strength_dl": strength, "recordings": row.recordings(), "outcomes": row
             })
         };
         self.rows.iter().map(row).collect()
@@ -296,20 +270,20 @@ mod tests {
         for (answer, truth, expected) in [
             (answer(Verdict::None, &[]), nothing(), Right),
             (answer(Verdict::Unknown, &[]), nothing(), Wrong),
-            (answer(Verdict::Unknown, &[]), heavy(), Withheld),
+            (answer(Verdict::Unknown, &[]), heavy(), Unknown),
             (answer(Verdict::Named, &[&["tone"]]), heavy(), Wrong),
             (answer(Verdict::Tie, &[&["ageing", "temperature"]]), nothing(), Wrong),
             (answer(Verdict::Named, &[&["tone"]]), one("tone"), Right),
             (answer(Verdict::Named, &[&["tone"], &["offset"]]), one("tone"), Wrong),
             (answer(Verdict::None, &[]), one("tone"), Missed),
-            (answer(Verdict::Unknown, &[&["tone"]]), one("tone"), Withheld),
+            (answer(Verdict::Unknown, &[&["tone"]]), one("tone"), Unknown),
             (answer(Verdict::Tie, &[&["offset", "droop"]]), droop(), Tied),
             (answer(Verdict::Tie, &[&["offset"], &["droop"]]), droop(), Tied),
-            (answer(Verdict::Tie, &[&["offset", "tone"]]), one("tone"), WideTie),
+            (answer(Verdict::Tie, &[&["offset", "tone"]]), one("tone"), Unknown),
             (answer(Verdict::Named, &[&["offset"]]), droop(), Wrong),
             (answer(Verdict::Unknown, &[&["tone"]]), one("outside_x"), Right),
             (answer(Verdict::Named, &[&["tone"]]), one("outside_x"), Wrong),
-            (answer(Verdict::Named, &[&["tone"]]), both(), Partly),
+            (answer(Verdict::Named, &[&["tone"]]), both(), Missed),
             (answer(Verdict::Named, &[&["ageing"], &["tone"]]), both(), Right),
             (answer(Verdict::Named, &[&["ageing"]]), aged(), Wrong),
             (answer(Verdict::Tie, &[&["ageing", "temperature"]]), aged(), Tied),
@@ -324,10 +298,10 @@ mod tests {
         blind.add(&answer(Verdict::Named, &[&["tone"]]), &truth(&["tone"], &[], &[]));
         blind.add(&answer(Verdict::None, &[]), &truth(&["tone"], &[], &[]));
         blind.add(&answer(Verdict::None, &[]), &truth(&[], &[], &[]));
-        let row = blind.row(Kind::One, 4..=4);
-        assert_eq!((row.recordings, row.count(Outcome::Right)), (2, 1));
-        assert!((row.share(&[Outcome::Missed]) - 0.5).abs() < 1e-12);
-        assert!(blind.markdown().contains("| tone | 4 | 2 | 1 | 0 | 0 | 0 | 0 | 1 | 0 |"));
+        let total = blind.total();
+        assert_eq!((total.recordings(), total.count(Outcome::Right)), (3, 2));
+        assert!((total.share(&[Outcome::Missed]) - 1.0 / 3.0).abs() < 1e-12);
+        assert!(blind.markdown().contains("| tone | 4 | 2 | 1 | 0 | 0 | 1 | 0 |"));
         assert_eq!(blind.json()[0]["outcomes"]["right"], 1);
     }
 }

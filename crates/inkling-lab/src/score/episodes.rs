@@ -33,9 +33,9 @@ pub struct DetectedEpisode<'a> {
 /// One fault of a channel, while the labels that apply name one class without a gap. It lasts from
 /// `from_ns` (i64::MIN: no begin is labelled) until just before `to_ns`.
 #[derive(Clone, Debug, Default)]
-pub struct LabelledFault {
+struct LabelledFault {
     state: String,
-    pub from_ns: i64,
+    from_ns: i64,
     to_ns: i64,
     /// Time from which on the fault has its full size.
     full_ns: i64,
@@ -107,12 +107,6 @@ impl<'a> EpisodeScore<'a> {
     pub fn new(labels: &'a Labels) -> EpisodeScore<'a> {
         let faults = HashMap::new();
         EpisodeScore { labels, faults, false_episodes: 0, unlabelled: 0, healthy_signals: 0 }
-    }
-
-    /// The labelled fault of a channel at a time; `None`: it has none of its own then.
-    pub fn fault_at(&mut self, printhead: &str, channel: u32, t_ns: i64) -> Option<&LabelledFault> {
-        let faults = self.faults_of(printhead, channel);
-        faults.iter().find(|fault| (fault.from_ns..fault.to_ns).contains(&t_ns))
     }
 
     fn faults_of(&mut self, printhead: &str, channel: u32) -> &mut [LabelledFault] {
@@ -323,10 +317,6 @@ mod tests {
         assert_eq!((report.category_accuracy, report.fault_accuracy), (1.0, 0.0));
         assert_eq!(report.by_state["EC"].found, 0);
         assert_eq!(report.healthy_signals, 1500 - 200);
-        let labels = Labels::new(labels());
-        let mut score = EpisodeScore::new(&labels);
-        let begins = [99, 101, 150].map(|t| Some(score.fault_at("p", 1, t)?.from_ns));
-        assert_eq!(begins, [None, Some(100), Some(100)]);
     }
 
     #[test]

@@ -220,7 +220,7 @@ fn isolated(design: &Design, test: &TrainingSet, dir: &Path) -> Result<(), Thesi
         format!(
             "Its largest weight is {named}'s, {weight:.2}: a signal of {state} is named {named}"
         ),
-        Axis::within(-0.05, 1.05, "mixture weight phi"),
+        Axis { range: Some((-0.05, 1.05)), ..Axis::new("mixture weight phi") },
         Axis { categories: names.clone(), ..Axis::new("class") },
         vec![Series::new("phi", Mark::Dots, points)],
     )
