@@ -353,7 +353,8 @@ mod tests {
     }
 
     /// Where a cable is out, a fit finds a ring in what noise is left; that says nothing of where the channel lies. So
-    /// it does at another temperature than the model's, where the correction takes off what no ring has put there.
+    /// it does at another temperature than the model's, where the correction takes off what no ring has put there. A
+    /// signal of zeros is neither upright nor upside down.
     #[test]
     fn noise_alone_is_no_ring() {
         let mut design = design();
@@ -365,7 +366,8 @@ mod tests {
         let judge = judge(&design, None);
 
         let mut rng = ChaCha8Rng::seed_from_u64(3);
-        for warmer in [-12.0, 0.0, 12.0].repeat(60) {
+        for (i, warmer) in [-12.0, 0.0, 12.0].repeat(60).into_iter().enumerate() {
+            let warmer = warmer + 0.013 * i as f64;
             let expected = DVector::from_column_slice(&judge.model.expected) + &response * warmer;
             let noise = expected.map(|_| -> f64 {
                 let z: f64 = StandardNormal.sample(&mut rng);
@@ -376,6 +378,7 @@ mod tests {
                 judge.features(deviation.as_slice(), (1.0, warmer), true, &mut Workspace::default())
             };
             assert_eq!(found(noise.clone()), None, "{warmer} K");
+            assert_eq!(found(&noise * 0.0), None, "{warmer} K");
             assert!(found(noise + &expected).is_some(), "{warmer} K");
         }
     }

@@ -17,6 +17,8 @@ use std::hash::Hash;
 const SEVERAL: u64 = 4;
 /// From this many flagged signals on they are no false alarms if they are most of a channel's signals.
 const AGAIN: u64 = 3;
+/// So many of a channel's latest recordings are kept: where each holds one signal, together they show a fault.
+const RECENT: usize = 3;
 
 /// Most channels of a printhead that are counted one by one.
 pub const MOST_CHANNELS: usize = 1 << 16;
@@ -79,8 +81,8 @@ pub struct ChannelCount {
     pub channel: u32,
     pub judged: u64,
     pub flagged: u64,
-    /// The latest recording that holds the channel, and its counts there; `None`: none has.
-    last: Option<(usize, InRecording)>,
+    /// The latest recordings that hold the channel, the last one first, and its counts there.
+    recent: Vec<(usize, InRecording)>,
     /// Index into the watches of its printhead; `None` if the channel had no episode.
     pub watch: Option<usize>,
 }
@@ -116,21 +118,33 @@ impl ChannelCount {
 
     /// Index of the latest recording that holds the channel.
     pub fn latest(&self) -> usize {
-        self.last.as_ref().map_or(0, |(recording, _)| *recording)
+        self.recent.first().map_or(0, |(recording, _)| *recording)
+    }
+
+    fn last(&self) -> Option<&InRecording> {
+        self.recent.first().map(|(_, counts)| counts)
     }
 
     /// Whether at least half of the channel's signals were judged in the latest recording that holds it.
     pub fn is_known_now(&self) -> bool {
-        self.last.as_ref().is_none_or(|(_, last)| last.bursts.judged >= last.rejected)
+        self.last().is_none_or(|last| last.bursts.judged >= last.rejected)
     }
 
     /// Whether the channel is flagged again and again, but in no recording often enough for an episode.
     pub fn is_doubtful(&self) -> bool {
-        // most of all its signals and of those in the latest recording, or all of at least two there
-        let last = self.last.as_ref().map(|(_, last)| &last.bursts);
+        // most of all its signals and of those in the latest recording, or all of at least two there; where a recording
+        // holds one burst, in the latest ones together
+        let last = self.last().map(|last| &last.bursts);
         let most_now = last.is_none_or(|last| 2 * last.flagged > last.judged);
         let often = self.flagged >= AGAIN && 2 * self.flagged > self.judged && most_now;
-        let now = last.is_some_and(|last| last.flagged >= 2 && last.flagged == last.judged);
+        let (mut judged, mut flagged) = (0, 0);
+        for (_, InRecording { bursts, .. }) in &self.recent {
+            (judged, flagged) = (judged + bursts.judged, flagged + bursts.flagged);
+            if judged >= 2 {
+                break;
+            }
+        }
+        let now = flagged >= 2 && flagged == judged;
         !self.is_watched() && (often || now)
     }
 
@@ -138,7 +152,7 @@ impl ChannelCount {
     /// fall silent in the first half of its latest recording. `of_head`: counts of its printhead by
     /// recording, of whose span in that recording the half is meant.
     pub fn is_measured(&self, from_ns: i64, of_head: &BTreeMap<usize, Tally>) -> bool {
-        let Some((recording, last)) = &self.last else { return false };
+        let Some((recording, last)) = self.recent.first() else { return false };
         let Some((_, to_ns)) = last.span else { return false };
         let span = of_head.get(recording).and_then(|of| of.span);
         let fell_silent = span.is_some_and(|(from, to)| to_ns - from < (to - from) / 2);
@@ -150,9 +164,10 @@ impl ChannelCount {
         self.judged += counts.bursts.judged;
         self.flagged += counts.bursts.flagged;
         let began_ns = |of: &InRecording| of.span.map(|(from_ns, _)| from_ns);
-        let latest = self.last.as_ref().and_then(|(_, last)| began_ns(last));
-        if began_ns(&counts).is_some_and(|from_ns| latest.is_none_or(|latest| from_ns >= latest)) {
-            self.last = Some((recording, counts));
+        if let Some(from_ns) = began_ns(&counts) {
+            let later = |(_, of): &(usize, InRecording)| began_ns(of) > Some(from_ns);
+            self.recent.insert(self.recent.partition_point(later), (recording, counts));
+            self.recent.truncate(RECENT);
         }
     }
 

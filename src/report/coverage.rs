@@ -316,7 +316,7 @@ fn not_measured(survey: &Survey, sources: &[Source]) -> Vec<Gap> {
 /// their signals, and those of which less than half was judged in their latest recording. Printheads of which
 /// nothing was judged in that recording are told elsewhere.
 fn doubtful(survey: &Survey, sources: &[Source]) -> Vec<Gap> {
-    let flagged = "flagged in most signals, of which no recording has enough to tell a fault: record longer, \
+    let flagged = "flagged in most of the latest signals, of which no recording has enough to tell a fault: record longer, \
         or merge recordings (`mcap merge`)";
     let mut all = Vec::new();
     for head in &survey.heads {

@@ -254,20 +254,43 @@ impl SensitivityDetector {
 
         // A lower bound on the fit's misfit than the second test's would lose printheads of warmer
         // ink, since what healthy signals hold beside their ring changes with the ink, too.
-        // The signal at its own temperature: corrected, a signal in which nothing rings would hold what is taken off.
-        self.at_reference(deviation, drive, signal);
-        signal.iter_mut().zip(&self.response).for_each(|(y, slope)| *y += warmer * slope);
-        // A ring that is upside down (swapped wires) is half a turn away, which no search from the
-        // healthy ring reaches. So the signal y is inverted, and deviates by -y - drive * expected.
-        if dot(signal, &self.expected) < 0.0 {
-            let upright = signal.iter().zip(&self.expected).map(|(y, e)| -drive * (y + e));
-            let mut upright: Vec<f64> = upright.collect();
-            let warmth = self.response.iter().map(|slope| drive * warmer * slope);
-            upright.iter_mut().zip(warmth).for_each(|(y, warmth)| *y -= warmth);
-            let features = self.features_of_ring(&upright, (drive, warmer), far, signal)?;
-            return Some(features + Vector4::new(0.0, 0.0, 0.0, std::f64::consts::PI));
+        self.at_own_temperature(deviation, (drive, warmer), signal);
+        if dot(signal, &self.expected) >= 0.0 {
+            return self.fitted_features(near, (drive, warmer), signal);
         }
 
+        // A ring that is upside down (swapped wires) is half a turn away, which no search from the healthy ring
+        // reaches. So the signal y is inverted, and deviates by -y - drive * expected. This is done once: a signal of
+        // zeros is its own inverse, and which side it is on is chance.
+        let warmth = self.response.iter().map(|slope| drive * warmer * slope);
+        let inverted = signal.iter().zip(&self.expected).map(|(y, e)| -drive * (y + e));
+        let inverted: Vec<f64> = inverted.zip(warmth).map(|(y, warmth)| y - warmth).collect();
+        let first = self.to_first_order(&inverted, drive);
+        let (near, _) = self.estimator.straightened(first, drive);
+        self.at_own_temperature(&inverted, (drive, warmer), signal);
+        let features = self.fitted_features(near, (drive, warmer), signal)?;
+        Some(features + Vector4::new(0.0, 0.0, 0.0, std::f64::consts::PI))
+    }
+
+    /// The signal of this deviation at reference drive and at its own temperature: corrected for that, a signal in
+    /// which nothing rings would hold what is taken off.
+    fn at_own_temperature(
+        &self,
+        deviation: &[f64],
+        (drive, warmer): (f64, f64),
+        signal: &mut Vec<f64>,
+    ) {
+        self.at_reference(deviation, drive, signal);
+        signal.iter_mut().zip(&self.response).for_each(|(y, slope)| *y += warmer * slope);
+    }
+
+    /// The features of the ring that fits a signal best, near those given. `None`: it holds more than a ring.
+    fn fitted_features(
+        &self,
+        near: Vector4<f64>,
+        (drive, warmer): (f64, f64),
+        signal: &[f64],
+    ) -> Option<Vector4<f64>> {
         let fit = self.rings.fitter.fit_from(signal, &Features::from(near), true)?;
         // what a ring leaves of a larger signal is larger by as much, so that a louder head is a ring all the same
         let louder = fit.features.ln_amplitude.exp().max(1.0);

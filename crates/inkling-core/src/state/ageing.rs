@@ -10,7 +10,7 @@
 //! that of few channels becomes the chi-squared that is as rare (`as_if_known`).
 
 use super::kind::Features;
-use super::process::{DRIFTED, ODD_ONE};
+use super::process::DRIFTED;
 use crate::model::median::median_of;
 use nalgebra::{Matrix4, Vector4};
 
@@ -45,17 +45,6 @@ pub struct Apart {
     pub each_its_own_way: bool,
 }
 
-/// What channels have moved from, see [`Channel::moved`](super::channel::Channel::moved).
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum From {
-    /// Each from where it was days ago; healthy channels surely move by the covariance 1.
-    OwnPast,
-    /// Each from the level of its head. How far healthy channels lie from that was itself learned from few.
-    Head,
-    /// The same on the head's first day, on which nobody knows which channels are healthy.
-    NewHead,
-}
-
 impl Apart {
     pub fn as_known() -> Apart {
         let (axes, variances) = (Matrix4::identity(), Vector4::repeat(1.0));
@@ -63,30 +52,22 @@ impl Apart {
     }
 
     /// Learns the covariance. It is taken for 1 where channels are too few, and, where healthy
-    /// channels surely move by that, unless chance seldom leads to so large a variance; and along
-    /// directions in which half of the channels have moved by one amount that would be a fault of one, for it is
-    /// a fault of many.
-    pub fn learn(moved: &[Features], from: From) -> Apart {
+    /// channels surely move by that (`is_known`), unless chance seldom leads to so large a variance.
+    pub fn learn(moved: &[Features], is_known: bool) -> Apart {
         let edge = by_chance(OFTEN, moved.len());
         let eigen = robust(moved).map(|of| of.symmetric_eigen());
-        let by_chance = |of: f64| from == From::OwnPast && of <= edge;
-        let Some(eigen) = eigen.filter(|of| !by_chance(of.eigenvalues.max())) else {
+        let Some(eigen) = eigen.filter(|of| !is_known || of.eigenvalues.max() > edge) else {
             return Apart::as_known();
         };
         let (axes, variances) = (eigen.eigenvectors, eigen.eigenvalues.map(|v| v.max(1.0)));
-        let one_sided = Vector4::from_fn(|k, _| match variances[k] > AGED {
-            true => one_sided(moved, &axes.column(k).into_owned(), variances[k]),
-            false => 0.0,
-        });
-        // less than three standard deviations from none, or for few channels, than if half of them moved alike
-        let of_half = 0.5 * moved.len() as f64;
-        let each_its_own_way = variances.max() > AGED && one_sided.max() < of_half.min(9.0);
-        let is_fault =
-            |v: f64, one_sided: f64| from != From::NewHead && v > ODD_ONE && one_sided >= of_half;
-        let variances =
-            variances.zip_map(&one_sided, |v, of| if is_fault(v, of) { 1.0 } else { v });
-        let learned_from = Some(EFFICIENCY * moved.len() as f64);
-        Apart { axes, variances, learned_from, each_its_own_way }
+        Apart {
+            axes,
+            variances,
+            learned_from: Some(EFFICIENCY * moved.len() as f64),
+            each_its_own_way: variances.max() > AGED
+                && (0..4)
+                    .all(|k| variances[k] <= AGED || is_even(moved, &axes.column(k).into_owned())),
+        }
     }
 
     /// How many times as far apart the channels lie as healthy ones, squared, by coordinate.
@@ -125,14 +106,12 @@ pub fn rarely_apart(channels: usize) -> f64 {
     by_chance(RARELY, channels).sqrt()
 }
 
-/// How many channels, if all others stayed, would have moved along an axis by one amount to make a sum as far from zero
-/// as theirs, in standard deviations, squared. Where each moves its own way it is about 1. Channels beyond what
-/// the axis's variance allows count as if they were at its edge, so that few faults decide nothing.
-fn one_sided(moved: &[Features], axis: &Features, variance: f64) -> f64 {
-    let edge = (UPPER_4 * variance).sqrt();
-    let along = moved.iter().map(|of| of.dot(axis).clamp(-edge, edge));
+/// Whether channels moved along an axis to both sides: their sum is less than three standard
+/// deviations from zero, or for few channels, less than if half of them moved by one amount.
+fn is_even(moved: &[Features], axis: &Features) -> bool {
+    let along = moved.iter().map(|of| of.dot(axis));
     let (sum, squares) = along.fold((0.0, 0.0), |(sum, squares), x| (sum + x, squares + x * x));
-    sum * sum / squares
+    sum * sum < (0.5 * moved.len() as f64).min(9.0) * squares
 }
 
 /// The value of chi-squared with four degrees of freedom that is exceeded as rarely as `square` is
@@ -231,7 +210,7 @@ mod tests {
                     if is_aged { rng.random_range(-5.0..5.0) } else { f64::from(u8::from(i == j)) }
                 });
                 moved.iter_mut().for_each(|m| *m = ages * *m);
-                let apart = Apart::learn(&moved, From::OwnPast);
+                let apart = Apart::learn(&moved, true);
                 beyond += moved.iter().filter(|m| apart.square(m, 1.0) > 18.47).count();
             }
             let rate = beyond as f64 / (heads * n) as f64;
@@ -255,7 +234,7 @@ mod tests {
                 for m in &mut moved[..faulty] {
                     *m += draws(1, &mut rng)[0].normalize() * 6.0;
                 }
-                let wider = Apart::learn(&moved, From::Head).wider().max().sqrt();
+                let wider = Apart::learn(&moved, false).wider().max().sqrt();
                 raw += usize::from(wider > 2.0);
                 sure += usize::from(wider > 2.0 * rarely_apart(n));
             }
@@ -272,9 +251,9 @@ mod tests {
         for _ in 0..200 {
             let mut moved = draws(8, &mut rng);
             moved[..5].iter_mut().for_each(|m| m[1] += 8.0);
-            alike += usize::from(Apart::learn(&moved, From::OwnPast).each_its_own_way);
+            alike += usize::from(Apart::learn(&moved, true).each_its_own_way);
             let moved: Vec<Features> = draws(8, &mut rng).iter().map(|m| m * 5.0).collect();
-            aged += usize::from(Apart::learn(&moved, From::OwnPast).each_its_own_way);
+            aged += usize::from(Apart::learn(&moved, true).each_its_own_way);
         }
         assert!(alike <= 20 && aged >= 160, "{alike} and {aged} of 200");
     }
@@ -293,7 +272,7 @@ mod tests {
                     draws(2, &mut rng).iter().flatten().take(5).map(|z| z * z).sum::<f64>();
                 *m += draws(1, &mut rng)[0] * (5.0 / (chi_squared / 5.0).sqrt());
             }
-            let apart = Apart::learn(&moved, From::OwnPast);
+            let apart = Apart::learn(&moved, true);
             beyond += moved.iter().filter(|m| apart.square(m, 1.0) > 33.38).count();
         }
         let rate = f64::from(beyond as u32) / f64::from(60 * heads);
@@ -313,7 +292,7 @@ mod tests {
         for m in &mut moved[36..] {
             *m += Vector4::new(0.0, 12.0, 30.0, 0.0);
         }
-        let apart = Apart::learn(&moved, From::OwnPast);
+        let apart = Apart::learn(&moved, true);
         let along = {
             let along = apart.axes.transpose() * way;
             way.norm_squared() / along.zip_map(&apart.variances, |x, v| x * x / v).sum()

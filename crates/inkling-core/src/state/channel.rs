@@ -211,6 +211,15 @@ impl Channel {
         moved
     }
 
+    /// How far the channel lies from its head's level while it is healthy, or, where that is not known, while it is
+    /// faulty; as [`Channel::moved`] counts.
+    pub fn healthy_place(&self, spread: &Features, noise: &Features) -> Option<Features> {
+        let of =
+            if self.stays_faulty() && !self.knows_level() { self.faulty } else { self.healthy() };
+        let variance = spread + noise / of.looks;
+        (of.looks > 0.0).then(|| of.mean().component_div(&variance.map(f64::sqrt)))
+    }
+
     /// How many times as long ago the channel's past at a rung is as the other channels': while a
     /// channel is faulty nothing is added to its past. 1 for the last place of [`Channel::moved`].
     pub fn times_as_long(&self, rung: usize) -> f64 {

@@ -9,7 +9,7 @@
 //! 3. `learn`: Kalman's update of the level, of the scatter within channels, and of each channel.
 //! 4. `watch`: which channels have drifted slowly from their past, or lie apart (`ageing.rs`).
 
-use super::ageing::{Apart, From, rarely_apart};
+use super::ageing::{Apart, rarely_apart};
 use super::channel::{AsOthers, Channel, FromLevel, RUNGS, Sum};
 use super::kind::{Features, Kind, at_least_as_wide};
 use super::level::{Expected, Explained, Member, Move, Variances, alike, explain};
@@ -358,15 +358,22 @@ impl Head {
         let of = |look: &Look| self.channels.get(&look.channel).map(|of| of.moved(&spread, by));
         let moved: Vec<_> = looks.iter().filter_map(of).collect();
 
-        // how far all have moved over each span of days, and, last, from the level
-        let with_past = moved.iter().filter(|of| of[0].is_some()).count();
-        let of_head = if 2 * with_past > moved.len() { From::Head } else { From::NewHead };
+        // where each is while it is healthy: many that are faulty lie apart, and widen nothing
+        let place = |look: &Look| self.channels.get(&look.channel)?.healthy_place(&spread, &noise);
+        let places: Vec<Features> = looks.iter().filter_map(place).collect();
+
+        // how far all have moved over each span of days, and, last, how far they lie from the level
         let apart: [Apart; RUNGS + 1] = std::array::from_fn(|rung| {
-            let known: Vec<Features> = moved.iter().filter_map(|of| of[rung]).collect();
-            let from = if rung == RUNGS { of_head } else { From::OwnPast };
-            let is_aged = rung == RUNGS && self.wider.max() > ALIKE;
+            let known: Vec<Features> = match rung {
+                RUNGS => places.clone(),
+                _ => moved.iter().filter_map(|of| of[rung]).collect(),
+            };
+            // a design's spread was itself learned from few channels; moving over days is taken for
+            // chance as long as it may be
+            let is_of_head = rung == RUNGS;
+            let is_aged = is_of_head && self.wider.max() > ALIKE;
             let is_asked = is_aged || known.iter().any(|of| of.norm_squared() > BOUNDS[rung]);
-            if is_asked { Apart::learn(&known, from) } else { Apart::as_known() }
+            if is_asked { Apart::learn(&known, !is_of_head) } else { Apart::as_known() }
         });
         self.wider += (apart[RUNGS].wider() - self.wider) * process::OF_SWEEP;
 

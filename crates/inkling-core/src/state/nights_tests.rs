@@ -102,6 +102,17 @@ fn a_fault_of_most_channels_hides_none_of_the_others() {
         let then = night(&mut world, of(first + 5));
         assert_eq!(then, (0..first as u32 + 5).collect::<Vec<_>>());
         assert!(world.head.wider() < 2.0, "{}", world.head.wider());
+        let other = |k: usize| match k {
+            25 => Vector4::new(-1.2, 0.0, 0.0, 0.0),
+            26 => Vector4::new(0.1, -0.6, 0.11, 0.0),
+            27 => Vector4::new(0.0, 1.1, -0.02, 0.0),
+            28 => Vector4::new(0.0, 0.0, 0.02, 0.0),
+            _ => of(first + 5)(k),
+        };
+        let then = night(&mut world, other);
+        let faulty = (0..first as u32 + 5).chain(25..29).collect::<std::collections::BTreeSet<_>>();
+        assert_eq!(then, faulty.into_iter().collect::<Vec<_>>());
+        assert!(world.head.wider() < 2.0, "{}", world.head.wider());
         assert_eq!(night(&mut world, none), [0u32; 0], "{first} of 32");
     }
 }
