@@ -12,8 +12,9 @@
 use super::exit::Failure;
 use super::progress::{Progress, interruptible};
 use crate::pipeline::collect::{Collector, OTHER_SAMPLING};
+use crate::pipeline::ring_look::{self, Doubt};
 use crate::pipeline::visit::Pass;
-use crate::pipeline::{Control, PipelineError, nobody_reads, ring_look};
+use crate::pipeline::{Control, PipelineError, nobody_reads};
 use crate::report::first_of;
 use crate::settings::Settings;
 use inkling_core::design::TrainingSet;
@@ -110,8 +111,8 @@ pub fn collected(
             let what = nobody_reads(topic).what;
             recordings.progress.say(&format!("warning: {}: {what}", pass.recording.name));
         }
-        for (head, what) in ring_look::doubts(pass.recording, true) {
-            let (name, head) = (&pass.recording.name, printable::cell(&head));
+        for Doubt { printhead, what, .. } in ring_look::doubts(pass.recording, true) {
+            let (name, head) = (&pass.recording.name, printable::cell(&printhead));
             recordings.progress.say(&format!("warning: {name}: {head}: {what}"));
         }
         Ok(damage)

@@ -176,5 +176,5 @@ fn one(
 /// Sentences on why the signals may be no ring-downs as they are laid out.
 fn doubts(recording: &Recording) -> Vec<String> {
     let doubts = ring_look::doubts(recording, false).into_iter();
-    doubts.map(|(printhead, what)| format!("{printhead}: {what}")).collect()
+    doubts.map(|doubt| format!("{}: {}", doubt.printhead, doubt.what)).collect()
 }

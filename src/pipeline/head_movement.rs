@@ -181,25 +181,31 @@ impl HeadMovement {
                 self.scatter,
             )
         });
-        let no_rings = self.no_rings_since_ns.map(|since_ns| match self.size {
-            Some(size) => format!(
-                "from {} on most of its signals have the form that the design knows, and {} times the size, too small to be \
-                 told from its noise: are they of another unit (volts instead of counts), or was a gain changed? What is \
-                 said of their channels is not to be believed",
-                at(since_ns),
-                significant(size, 2)
-            ),
-            None => format!(
+        let no_rings = self.no_rings_since_ns.filter(|_| self.size.is_none()).map(|since_ns| {
+            format!(
                 "from {} on most of its signals hold more than the ring that the design knows, such as noise, hum or another \
                  form: where the printhead is is not known, and faults may pass; look at amplifier, cable and supply",
                 at(since_ns)
-            ),
+            )
         });
         let replaced = self.replaced.iter().take(MOST_REPLACED).map(ReplacedChannel::in_words);
         let more = self.replaced.len().saturating_sub(MOST_REPLACED);
         let more = (more > 0).then(|| format!("{more} channels more ring otherwise"));
         let of_all = [beyond, strange, swapped, scatter, no_rings].into_iter().flatten();
         of_all.chain(replaced).chain(more).collect()
+    }
+}
+
+impl HeadMovement {
+    /// Why its verdicts say nothing of nozzles, if its signals are those of another unit.
+    pub fn of_other_unit(&self) -> Option<String> {
+        let (since_ns, size) = self.no_rings_since_ns.zip(self.size)?;
+        Some(format!(
+            "from {} on most of its signals have the form that the design knows, and {} times the size, too small to be \
+             told from its noise: those of another unit (volts instead of counts), or of another gain",
+            at(since_ns),
+            significant(size, 2)
+        ))
     }
 }
 

@@ -14,9 +14,9 @@ use super::episodes::EpisodeReport;
 use super::head_movement::HeadMovement;
 use super::judges::{Judges, Refusal};
 use super::pacer::PaceReport;
-use super::ring_look;
+use super::ring_look::{self, Doubt};
 use super::run::Replay;
-use super::tally::{PrintheadTally, Tally};
+use super::tally::{Counts, PrintheadTally, Tally};
 use super::timings::{PhaseTiming, StageTiming};
 use crate::report::{WrongStretch, rfc3339};
 use crate::settings::Settings;
@@ -153,7 +153,21 @@ pub fn note_not_judged(
     // printheads
     let has_design = replay.design.is_some();
     let doubts = ring_look::doubts(recording, has_design).into_iter();
-    let doubts = doubts.map(|doubt| doubted(doubt, tally, has_design));
+    let (doubts, of_some): (Vec<_>, Vec<_>) = doubts.partition(|doubt| doubt.is_of_most);
+    let of_other_unit = report.moved.iter().filter_map(|of| {
+        Some(Doubt {
+            printhead: of.printhead.to_string(),
+            what: of.of_other_unit()?,
+            is_of_most: true,
+        })
+    });
+    let doubts = doubts.into_iter().chain(of_other_unit);
+    let doubts: Vec<NotJudged> = doubts.map(|doubt| doubted(doubt, tally, has_design)).collect();
+    report.unread.extend(of_some.into_iter().map(|Doubt { printhead, what, .. }| NotJudged {
+        what: format!("{printhead}: {what}"),
+        printhead: Some(printhead),
+        ..NotJudged::default()
+    }));
     let rejected = rejected(tally, judges, &report.refusals);
     let is_known =
         |told: &NotJudged| report.odd_times.iter().any(|of| of.printhead == told.printhead);
@@ -166,7 +180,7 @@ pub fn note_not_judged(
 
     let mut all: Vec<NotJudged> = Vec::new();
     // the first sentence about a printhead stays: a doubt about its samples explains the rest
-    for told in doubts.chain(rejected).chain(untimely) {
+    for told in doubts.into_iter().chain(rejected).chain(untimely) {
         if all.iter().all(|known| known.printhead != told.printhead) {
             all.push(told);
         }
@@ -275,7 +289,8 @@ fn without_times(of: &Untimely, settings: &Settings) -> NotJudged {
     NotJudged { printhead, topic: None, signals, judged, what }
 }
 
-fn doubted((printhead, what): (String, String), tally: &Tally, has_design: bool) -> NotJudged {
+fn doubted(doubt: Doubt, tally: &Tally, has_design: bool) -> NotJudged {
+    let Doubt { printhead, what, .. } = doubt;
     let signals = tally.printheads.get(&*printhead).map_or(0, |head| head.signals);
     // where a design judges, only clipping is doubted, which no design puts right
     let or_design =
@@ -303,6 +318,15 @@ fn rejected(tally: &Tally, judges: &Judges, refusals: &[Refusal]) -> Vec<NotJudg
             NotJudged { printhead, signals, what, ..NotJudged::default() }
         })
         .collect();
+
+    // a burst that cannot be used is one row, whatever it held
+    let Counts { bursts, unusable_bursts, .. } = tally.counts;
+    if all.is_empty() && 2 * unusable_bursts > bursts {
+        let judged = bursts - unusable_bursts;
+        let what = format!("only {judged} of {bursts} bursts could be used");
+        let (signals, judged) = (tally.counts.signals, tally.counts.judged);
+        all.push(NotJudged { signals, judged, what, ..NotJudged::default() });
+    }
 
     // those of printheads that turned out to be others tell nothing of their nozzles
     let of_others: u64 = tally.printheads.values().map(|head| head.judged - head.known()).sum();

@@ -1,9 +1,10 @@
 //! Looks at a recording's first bursts: whether they are ring-downs as they are laid out, whether they ring at
-//! frequencies at which printheads do, and whether something clipped them.
+//! frequencies at which printheads do, whether something clipped them, and whether they are copies of each other.
 //!
-//! In: a recording, from `recording_report` and from `inspect`. Out: a sentence for each printhead whose signals speak
-//! against their layout or sample period, or are clipped ([`doubts`]), before faults are made of that. Where a design
-//! judges, only clipping is looked for, in the printheads that the first bursts are of. No signal is judged by it.
+//! In: a recording, from `recording_report` and from `inspect`. Out: a [`Doubt`] for each printhead whose signals speak
+//! against their layout, sample period or number format, are clipped or copies ([`doubts`]), before faults are made of
+//! that. Where a design judges, layout and period are not looked at, and only the printheads that the first bursts are
+//! of. No signal is judged by it.
 //!
 //! A layout is wrong if neighbouring samples of a channel hardly correlate, or if channels have little in common,
 //! while with rows and columns exchanged both hold ([`RowLayout`]). A sample period is wrong if the mean signal would
@@ -11,11 +12,11 @@
 //! at the largest value that any of them has, or at the smallest one. All these limits are heuristic.
 
 use super::batches::usable;
-use crate::report::three_digits;
-use inkling_core::burst::{Burst, Layout};
+use crate::report::{numbered, three_digits};
+use inkling_core::burst::{Burst, Format, Layout};
 use inkling_core::model::row_layout::{LEAST_NEIGHBOURS, RowLayout, periods};
 use inkling_io::recording::Recording;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashMap};
 
 /// Maximum number of blocks that are read, and number of bursts after which no more are decoded.
 const MOST_BLOCKS: usize = 4;
@@ -37,18 +38,35 @@ const MOST_CLIPPED_BURSTS: usize = 8;
 const MOST_CLIPPED_CHANNELS: u32 = 64;
 /// Channels of more than this many times the median channel's energy are left out.
 const MOST_ENERGY: f64 = 100.0;
+/// A step from one sample to the next that no signal of 16 bits makes: three quarters of their range.
+const WRAPS: f64 = 49_152.0;
+/// In so many bursts, each with other samples, channels are alike bit for bit that are copies of each other.
+const ALIKE_BURSTS: usize = 3;
+
+/// Why the signals of a printhead may not be what they are read as.
+#[derive(Debug, PartialEq)]
+pub struct Doubt {
+    pub printhead: String,
+    pub what: String,
+    /// Whether it concerns most of its channels, so that its verdicts say nothing of nozzles.
+    pub is_of_most: bool,
+}
 
 /// `has_design`: whether a design judges, which knows how its signals lie and how far apart their samples are.
-pub fn doubts(recording: &Recording, has_design: bool) -> Vec<(String, String)> {
+pub fn doubts(recording: &Recording, has_design: bool) -> Vec<Doubt> {
     let mut by_printhead: BTreeMap<String, Vec<Burst>> = BTreeMap::new();
     let most = if has_design { MOST_CLIPPED_BURSTS } else { MOST_BURSTS };
     for burst in first_bursts(recording, most) {
         by_printhead.entry(burst.printhead.to_string()).or_default().push(burst);
     }
-    let doubt = |(name, bursts): (String, Vec<Burst>)| {
+    let doubt = |(printhead, bursts): (String, Vec<Burst>)| {
         let of_ring = || of_layout(&bursts).or_else(|| of_period(&bursts));
         let what = if has_design { None } else { of_ring() };
-        Some((name, what.or_else(|| of_clipping(&bursts))?))
+        let what = what.or_else(|| of_format(&bursts)).or_else(|| of_clipping(&bursts));
+        match what {
+            Some(what) => Some(Doubt { printhead, what, is_of_most: true }),
+            None => of_copies(printhead, &bursts),
+        }
     };
     by_printhead.into_iter().filter_map(doubt).take(MOST_TOLD).collect()
 }
@@ -180,6 +198,61 @@ fn of_clipping(bursts: &[Burst]) -> Option<String> {
     })
 }
 
+/// The doubt about signed numbers: unsigned counts about the middle of their range, read as signed, jump from one end to
+/// the other wherever they cross it.
+fn of_format(bursts: &[Burst]) -> Option<String> {
+    let bursts = bursts.iter().filter(|burst| burst.format == Format::S16Le);
+    let signals = bursts.flat_map(|burst| (0..burst.channels).map(|c| signal(burst, c)));
+    let (mut wrapped, mut all) = (0, 0);
+    for signal in signals {
+        let jumps = signal.windows(2).filter(|of| (of[1] - of[0]).abs() > WRAPS).count();
+        (wrapped, all) = (wrapped + usize::from(jumps >= 2), all + 1);
+    }
+    (2 * wrapped > all).then(|| {
+        format!(
+            "{wrapped} of {all} signals jump from one end of 16 bits to the other: are they unsigned counts, which are not \
+             read? Record them as signed ones, less 32768"
+        )
+    })
+}
+
+/// The doubt about channels that hold the samples of others bit for bit, in bursts that differ from each other.
+fn of_copies(printhead: String, bursts: &[Burst]) -> Option<Doubt> {
+    // by channel: in how many bursts it was the copy of another, and in how many it was not
+    let mut counts: BTreeMap<u32, [usize; 2]> = BTreeMap::new();
+    let mut before = HashMap::new();
+    for burst in bursts {
+        let mut met: HashMap<Vec<u64>, Vec<u32>> = HashMap::new();
+        for row in 0..burst.channels {
+            let signal = signal(burst, row);
+            let is_constant = signal.iter().all(|y| *y == signal[0]);
+            let bits: Vec<u64> = signal.into_iter().map(f64::to_bits).collect();
+            // neither a dead line, nor a channel that stands still, says that it is another's
+            let channel = burst.first_channel.saturating_add(row);
+            let is_new = before.insert(channel, bits.clone()).is_none_or(|old| old != bits);
+            if !is_constant && is_new {
+                met.entry(bits).or_default().push(channel);
+            }
+        }
+        for channels in met.into_values() {
+            let is_alone = usize::from(channels.len() == 1);
+            channels.iter().for_each(|of| counts.entry(*of).or_default()[is_alone] += 1);
+        }
+    }
+    let copies =
+        counts.iter().filter(|(_, [copied, alone])| *copied >= ALIKE_BURSTS && *alone == 0);
+    let copies: Vec<u32> = copies.map(|(channel, _)| *channel).collect();
+    let is_of_most = 2 * copies.len() > counts.len();
+    (!copies.is_empty()).then(|| {
+        let what = format!(
+            "{} hold the samples of each other, bit for bit: does the multiplexer stand, or was a channel written several \
+             times? What is said of them is of one",
+            numbered(&copies)
+        );
+        Doubt { printhead, what, is_of_most }
+    })
+}
+
 /// Whether a signal stands still at `rail` and leaves it suddenly. The peak of a ring in few codes stands still, too, and
 /// leaves its code for the next ones, which lie a `step` apart.
 fn stands_still(signal: &[f64], rail: f64, step: f64) -> bool {
@@ -222,6 +295,39 @@ mod tests {
         for size in [1000.0, 200.0, 30.0] {
             assert_eq!(told(f32::MAX, size), None, "{size}");
         }
+    }
+
+    #[test]
+    fn copies_and_unsigned_counts_are_told_and_what_stands_still_is_not() {
+        let burst = |burst: usize, copied: std::ops::Range<usize>, offset: i32| {
+            let ring = |channel: usize| -> Vec<f32> {
+                let source = if copied.contains(&channel) { copied.start } else { channel };
+                let sample = |k: usize| {
+                    let noise = ((burst * 7919 + source * 104_729 + k * 31) % 23) as f64;
+                    let k = k as f64;
+                    (9000.0 * (-k / 50.0).exp() * (0.3 * k).cos() + noise).round() as i32
+                };
+                (0..128).map(|k| f32::from((sample(k) + offset) as u16 as i16)).collect()
+            };
+            let signals: Vec<Vec<f32>> = (0..16).map(ring).collect();
+            Burst::of(&signals, 1e-6, Format::S16Le, Layout::ChannelMajor)
+        };
+        let told = |copied: std::ops::Range<usize>| {
+            let bursts: Vec<Burst> = (0..5).map(|b| burst(b, copied.clone(), 0)).collect();
+            of_copies("p".into(), &bursts).map(|of| (of.what, of.is_of_most))
+        };
+        assert_eq!(told(0..0), None);
+        assert!(
+            told(4..8).is_some_and(|(what, most)| what.starts_with("channels 4 to 7") && !most)
+        );
+        assert!(told(0..16).is_some_and(|(_, most)| most));
+        let still: Vec<Burst> = (0..5).map(|_| burst(0, 0..16, 0)).collect();
+        assert_eq!(of_copies("p".into(), &still), None);
+
+        assert_eq!(of_format(&[burst(0, 0..0, 0)]), None);
+        assert!(
+            of_format(&[burst(0, 0..0, 32_768)]).is_some_and(|what| what.starts_with("16 of 16"))
+        );
     }
 
     #[test]

@@ -74,7 +74,7 @@ pub use source::{LostRecording, Source};
 pub use story::Story;
 pub use survey::Survey;
 pub use words::{
-    Column, alike, channels, clock, columns, first_of, grouped, rfc3339, three_digits,
+    Column, alike, channels, clock, columns, first_of, grouped, numbered, rfc3339, three_digits,
 };
 
 use counts::Tally;
@@ -116,6 +116,9 @@ pub struct HeadCount {
     /// Whether the printhead was taken out since.
     pub is_gone: bool,
 }
+
+/// Of fewer channels most say nothing of what they share.
+const FEWEST: usize = 4;
 
 /// Everything that the page, the terminal's list and the table of faults show.
 #[derive(Debug)]
@@ -167,7 +170,9 @@ impl Report {
             let moved = head_changes::Movements::of(head, sources);
             let stories =
                 head.watches.iter().map(|of| stories(head, of, &moved, &rates, acknowledged));
-            stories.flat_map(|of| Fault::of_channel(of, &settings)).collect::<Vec<_>>()
+            let mut stories: Vec<Vec<Story>> = stories.collect();
+            end_at_once(&mut stories, head.channels.len());
+            stories.into_iter().flat_map(|of| Fault::of_channel(of, &settings)).collect::<Vec<_>>()
         };
         let mut faults: Vec<Fault> = survey.heads.iter().flat_map(faults).collect();
         fault::sort(&mut faults);
@@ -256,6 +261,20 @@ fn stories(
         });
     }
     all
+}
+
+/// What ends on most channels of a printhead in the same burst, an amplifier that was off say, is no fault of each of them,
+/// and is not expected back.
+fn end_at_once(stories: &mut [Vec<Story>], channels: usize) {
+    let mut ends: BTreeMap<i64, usize> = BTreeMap::new();
+    for end_ns in stories.iter().filter_map(|of| of.last()?.ended_at_ns) {
+        *ends.entry(end_ns).or_default() += 1;
+    }
+    for story in stories.iter_mut().filter_map(|of| of.last_mut()) {
+        if story.ended_at_ns.is_some_and(|end_ns| 2 * ends[&end_ns] > channels.max(FEWEST)) {
+            story.cures = 0;
+        }
+    }
 }
 
 /// The rates over all channels, against which `story` weighs the bursts of one channel.

@@ -98,6 +98,7 @@ impl Design {
 
         let pooled = pool(&set.healthy, &models, set.samples);
         let pooled = HealthyModel::learn(&pooled, None, None, settings)?;
+        warnings.extend(of_two_kinds(&models));
         warnings.extend(temperature_unknown(&pooled));
         warnings.extend(pooled.apart.map(|share| {
             let (n, threshold) = (pooled.threshold.n_signals, pooled.threshold.value);
@@ -183,6 +184,26 @@ fn of_one_channel((class, sets): (&String, &BTreeMap<String, SignalSet>)) -> Opt
         format!(
             "class {class}: all of its signals are of one channel, so that what is the fault's and what is the channel's \
              cannot be told apart; label it on others, too"
+        )
+    })
+}
+
+/// Printheads whose resonances differ by more than a tenth have no signal in common.
+fn of_two_kinds(models: &[HealthyModel]) -> Option<String> {
+    let frequency = |of: &&HealthyModel| of.identification.poles.frequency_hz;
+    let by_frequency = |a: &&HealthyModel, b: &&HealthyModel| frequency(a).total_cmp(&frequency(b));
+    let lowest = models.iter().min_by(by_frequency)?;
+    let highest = models.iter().max_by(by_frequency)?;
+    let in_words = |of: &HealthyModel| {
+        let name = of.printhead.as_deref().unwrap_or_default();
+        format!("{name} ({:.1} kHz)", frequency(&of) / 1e3)
+    };
+    (frequency(&highest) > (1.0 + LITTLE) * frequency(&lowest)).then(|| {
+        format!(
+            "printheads {} and {} are of two kinds, so that the model of all together, which judges printheads that the \
+             design does not know, is of neither: train a design for each kind",
+            in_words(lowest),
+            in_words(highest)
         )
     })
 }
