@@ -297,8 +297,8 @@ fn not_measured(survey: &Survey, sources: &[Source]) -> Vec<Gap> {
             [] => return None,
             _ if head.is_gone => return None,
             _ if tally.span?.1 < from_ns => format!(
-                "{name} was not heard in the last night: this was its last recording. If it was taken out, \
-                 `inkling acknowledge --replaced` it"
+                "{name} was not heard in the last night: this was its last recording. If it was taken out, say so: \
+                 `inkling acknowledge OUT --replaced HEAD --from TIME`"
             ),
             _ => format!(
                 "{} of {name}: fell silent, or not heard in the last night ({} of its {})",

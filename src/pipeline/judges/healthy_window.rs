@@ -9,7 +9,7 @@
 
 use super::super::run::Replay;
 use super::sample::Sample;
-use inkling_core::design::{HealthyModel, LearnSettings};
+use inkling_core::design::{Design, HealthyModel, LearnSettings};
 
 /// Least share of the average signal's size that the model must explain, per cent. The three are heuristic.
 const LEAST_FIT_PERCENT: f64 = 50.0;
@@ -57,7 +57,8 @@ pub fn learn(
         agree_with(&model).map_err(|why| (why, false))?;
     }
     if let Some(design) = design {
-        is_like(design.reference_of(printhead), &model, replay)?;
+        is_like(design.reference_of(printhead), &model, replay)
+            .map_err(|(why, is_other)| (why + &unknown_name(design, printhead), is_other))?;
     }
     Ok(Accepted { model, reference_v })
 }
@@ -83,6 +84,20 @@ fn agree_with(model: &HealthyModel) -> Result<(), String> {
         ));
     }
     Ok(())
+}
+
+/// Most printheads of a design that are named.
+const MOST_NAMED: usize = 4;
+
+/// What to look at first where a design has no model of this name; empty if it has one, or none at all.
+fn unknown_name(design: &Design, printhead: &str) -> String {
+    let known: Vec<&str> = design.models.iter().filter_map(|of| of.printhead.as_deref()).collect();
+    if known.is_empty() || known.contains(&printhead) {
+        return String::new();
+    }
+    let more = if known.len() > MOST_NAMED { " and others" } else { "" };
+    let some = known[..known.len().min(MOST_NAMED)].join(", ");
+    format!("; or another name, as the design knows {some}{more}, and not {printhead}")
 }
 
 /// Compares a window's model with the design's: a fault that grows slowly must not be learned as healthy.
