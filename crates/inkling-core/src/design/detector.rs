@@ -239,13 +239,8 @@ impl SensitivityDetector {
         far: bool,
         signal: &mut Vec<f64>,
     ) -> Option<Vector4<f64>> {
-        // no fit where the ring leaves little of the signal, and the signal is near enough
-        let first = self.to_first_order(deviation, drive);
-        let along = first * drive;
-        let settled =
-            dot(deviation, deviation) - along.dot(&(self.estimator.gram * along)) <= self.settled;
-        let (near, is_near) = self.estimator.straightened(first, drive);
-        if settled && (is_near || !far) {
+        let (near, needs_fit) = self.near_features(deviation, drive, far);
+        if !needs_fit {
             return Some(near);
         }
         if !far {
@@ -262,14 +257,28 @@ impl SensitivityDetector {
         // A ring that is upside down (swapped wires) is half a turn away, which no search from the healthy ring
         // reaches. So the signal y is inverted, and deviates by -y - drive * expected. This is done once: a signal of
         // zeros is its own inverse, and which side it is on is chance.
-        let warmth = self.response.iter().map(|slope| drive * warmer * slope);
         let inverted = signal.iter().zip(&self.expected).map(|(y, e)| -drive * (y + e));
-        let inverted: Vec<f64> = inverted.zip(warmth).map(|(y, warmth)| y - warmth).collect();
-        let first = self.to_first_order(&inverted, drive);
-        let (near, _) = self.estimator.straightened(first, drive);
+        let mut inverted: Vec<f64> = inverted.collect();
+        let warmth = self.response.iter().map(|slope| drive * warmer * slope);
+        inverted.iter_mut().zip(warmth).for_each(|(y, warmth)| *y -= warmth);
+        let (near, needs_fit) = self.near_features(&inverted, drive, far);
         self.at_own_temperature(&inverted, (drive, warmer), signal);
-        let features = self.fitted_features(near, (drive, warmer), signal)?;
+        let features = match needs_fit {
+            true => self.fitted_features(near, (drive, warmer), signal)?,
+            false => near,
+        };
         Some(features + Vector4::new(0.0, 0.0, 0.0, std::f64::consts::PI))
+    }
+
+    /// A signal's features to second order, and whether only a fit tells them: the ring leaves much of the signal, or the
+    /// signal lies far from the model's, where a fit may be made.
+    fn near_features(&self, deviation: &[f64], drive: f64, far: bool) -> (Vector4<f64>, bool) {
+        let first = self.to_first_order(deviation, drive);
+        let along = first * drive;
+        let left = dot(deviation, deviation) - along.dot(&(self.estimator.gram * along));
+        let (near, is_near) = self.estimator.straightened(first, drive);
+        let settled = left <= self.settled;
+        (near, !settled || far && !is_near)
     }
 
     /// The signal of this deviation at reference drive and at its own temperature: corrected for that, a signal in
