@@ -120,7 +120,8 @@ impl TextTable {
     pub fn begins_below(&self) -> Option<String> {
         let head = String::from_utf8_lossy(&self.head);
         let lines: Vec<&str> = head.lines().collect();
-        let at = [';', '\t', ','].into_iter().find_map(|d| begin(&lines, d))?;
+        let first = (self.first_line as usize).saturating_sub(1);
+        let at = [';', '\t', ','].into_iter().find_map(|d| begin(&lines, d, first))?;
         let names = printable::cell(lines[at]);
         let (line, passed) = (at as u64 + 1, at);
         (line > self.first_line).then(|| {
@@ -170,24 +171,26 @@ fn delimiter(start: &[u8]) -> u8 {
 }
 
 /// The index of the line of names with which a table begins: rows of numbers follow it, perhaps after a line
-/// of units.
-fn begin(lines: &[&str], delimiter: char) -> Option<usize> {
+/// of units. `first`: the index of the first line that is read.
+fn begin(lines: &[&str], delimiter: char, first: usize) -> Option<usize> {
     let cells = |line: &str| -> Vec<String> {
         let cell =
             |cell: &str| cell.trim().trim_matches('"').replace(',', ".").replace('\u{2212}', "-");
         line.split(delimiter).map(cell).filter(|cell| !cell.is_empty()).collect()
     };
+    let is_number = |cell: &String| cell.parse::<f64>().is_ok();
     let is_row = |at: &usize| {
         let cells = cells(lines[*at]);
-        cells.len() > 1 && cells.iter().all(|cell| cell.parse::<f64>().is_ok())
+        cells.len() > 1 && cells.iter().all(is_number)
     };
-    // columns may be called 1 and 2, but not -1.5 or 1.400,00
-    let names_none = |at: usize| {
+    let begins_with_number = |at: &usize| cells(lines[*at]).first().is_some_and(is_number);
+    // only in the line that stands first, and behind a name, columns may be called 1 and 2, but not -1.5 or 1.400,00
+    let may_name = |at: usize| {
         let is_number = |cell: &String| {
             let digits = cell.trim_matches(|c: char| c.is_ascii_digit() || ".+-eE".contains(c));
-            digits.is_empty() && cell.contains(['.', '+', '-'])
+            digits.is_empty() && (at > first || cell.contains(['.', '+', '-']))
         };
-        cells(lines[at]).iter().any(is_number)
+        !begins_with_number(&at) && !cells(lines[at]).iter().any(is_number)
     };
     let filled = |at: &usize| !lines[*at].trim().is_empty() && !lines[*at].starts_with('#');
     let there: Vec<usize> = (0..lines.len()).filter(filled).collect();
@@ -199,11 +202,14 @@ fn begin(lines: &[&str], delimiter: char) -> Option<usize> {
     let begins = |below: &[usize]| {
         let names = cells(lines[below[0]]).len();
         let is_table = |rows: &[usize]| {
+            // the first rows may lack a number, such as where an instrument was over its range
+            let lacking = rows.iter().take_while(|at| begins_with_number(at) && !is_row(at));
+            let rows = &rows[lacking.count()..];
             let rows = rows.get(..ROWS_OF_BEGIN).unwrap_or_default();
             !rows.is_empty() && rows.iter().all(|at| is_row(at) && cells(lines[*at]).len() <= names)
         };
         let has_units = || below.len() > 1 && are_units(below[1]) && is_table(&below[2..]);
-        !is_row(&below[0]) && !names_none(below[0]) && (is_table(&below[1..]) || has_units())
+        may_name(below[0]) && (is_table(&below[1..]) || has_units())
     };
     (0..there.len()).find(|at| begins(&there[*at..])).map(|at| there[at])
 }
@@ -323,6 +329,9 @@ mod tests {
             ("Model,X1\nRate,1e6\n\nTime,A\n", 4),
             ("Source,A\nSecond,Volt\n", 1),
             ("Time,A\n0,1.400,5\n", 1),
+            ("t_us,U1\n-2,CLIPPED\n-1,CLIPPED\n", 1),
+            ("Model,X1\nt_us,U1\n-1,CLIPPED\n", 2),
+            ("Model,X1\nRate,1000000\n", 1),
             ("#note\n;Rate,5,,\nSample,V,\ns,V,\n\n", 3),
         ] {
             let text = format!("{head}{rows}");
