@@ -253,10 +253,7 @@ impl<'a> Conversion<'a> {
         if let Some(Sampled { interpolated, missing, most_off_grid, segments, .. }) = &self.sampled
         {
             if *segments > 0 {
-                writeln!(
-                    out,
-                    "  {segments} bursts are segments: times jump after equally many samples"
-                )?;
+                writeln!(out, "  {segments} bursts are segments: times jump between them")?;
             }
             if self.args.resample {
                 write!(out, "  resampled: {interpolated} of {samples} samples interpolated, ")?;
