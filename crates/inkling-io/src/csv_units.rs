@@ -77,7 +77,9 @@ fn of_time(
             let there = numbers_there(row, no_outputs, chosen);
             format!("{said:?} counts samples: --period-s says how far apart they are{there}")
         }
-        _ => format!("{said:?} is no number, and no unit of time that is known"),
+        _ => format!(
+            "{said:?} is no number, and no unit of time that is known: remove the line, or give --time-unit"
+        ),
     };
     Err(chosen.of_column(time, &what))
 }
