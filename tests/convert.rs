@@ -169,6 +169,8 @@ fn what_is_no_table_or_leaves_a_choice_is_refused_with_what_to_do() {
         (b"TDSm\x0e\0\0\0", "TDMS"),
         (b"\xd0\xcf\x11\xe0\xa1\xb1", "workbook"),
         (b"\x1f\x8b\x08\0\0", "gzip"),
+        (b"<!DOCTYPE html><html>", "an HTML page"),
+        (b"version https://git-lfs.github.com/spec/v1\n", "git lfs pull"),
     ] {
         house.write("t.bin", start);
         house.run("convert t.bin -o t.mcap").exits(2).says(says).says(magic).says("import inkling");

@@ -124,6 +124,13 @@ fn choose(header: &StringRecord, columns: &Columns, cells: Cells) -> Result<Chos
     if names.iter().all(is_number) {
         return unnamed();
     }
+    if let ([only], false) = (&names[..], columns.rows_are_samples) {
+        return Err(format!(
+            "{:?} has no comma, semicolon or tab, which separate cells: a line sep=| above it says another sign; \
+             tr -s ' ' , makes commas of blanks",
+            printable::cell(only)
+        ));
+    }
     let chosen = choose_columns(names, columns)?;
     match columns.time.is_none() && chosen.time.is_some_and(|c| is_number(&chosen.names[c])) {
         true => unnamed(),
