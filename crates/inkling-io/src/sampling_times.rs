@@ -5,7 +5,7 @@
 
 use super::segments;
 use super::table_file::Decay;
-use super::time_column::has_word_for_time;
+use super::time_column::{has_word_for_time, is_time};
 use inkling_core::model::median::median_of;
 
 /// How far a time may lie from the regular grid, in sample periods.
@@ -73,9 +73,20 @@ fn not_increasing(decay: &Decay, k: usize, time: TimeColumn) -> String {
         (Some(rows), _) => format!(
             "each time of {name:?} stands in {rows} rows: keep one row of each time, with a column for each channel"
         ),
-        (None, 0) => format!(
+        (None, 0) if before == after => format!(
+            "rows {k} and {} have one time in {name:?}, {after}: remove one of them, or name the column that tells decays \
+             apart with --burst",
+            k + 1
+        ),
+        (None, 0) if is_time(name) => format!(
             "{name:?} does not increase at its row {}: {after} after {before}; sort the rows, or name \
              the column that tells decays apart with --burst (time: --time)",
+            k + 1
+        ),
+        (None, 0) => format!(
+            "{name:?}, which is not called time, does not increase at its row {}: {after} after {before}; where no column \
+             is of times, --period-s says how far apart rows are; else --time names it, or --burst one that tells decays \
+             apart",
             k + 1
         ),
         (None, again) => format!(

@@ -92,11 +92,16 @@ fn rows_that_are_samples_are_cut_where_acquisitions_begin() {
 
 #[test]
 fn time_that_goes_back_or_stands_still_is_refused_with_its_row() {
-    for again in [2.0, 3.0] {
+    let other = TimeColumn { name: "CH1", ..T };
+    for (again, time, says) in [
+        (2.0, T, "at its row 5: 2 after 3; sort the rows"),
+        (2.0, other, "row 5: 2 after 3; where no column is of times, --period-s"),
+        (3.0, T, "rows 4 and 5 have one time in \"t\", 3: remove one"),
+    ] {
         let times = vec![0.0, 1.0, 2.0, 3.0, again, 5.0];
         for resample in [false, true] {
-            let sampled = sample(vec![decay(times.clone(), f64::sin)], T, resample);
-            assert_refused(sampled, &["row 5", "--burst"]);
+            let sampled = sample(vec![decay(times.clone(), f64::sin)], time, resample);
+            assert_refused(sampled, &[says, "--burst"]);
         }
     }
 }
