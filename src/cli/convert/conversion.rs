@@ -283,7 +283,7 @@ impl<'a> Conversion<'a> {
             let left_out = printable(&left_out.join(", "));
             writeln!(
                 out,
-                "  no outputs, as they number rows or are remarks: {left_out} (--outputs)"
+                "  no outputs, as they number rows, repeat times or are remarks: {left_out} (--outputs)"
             )?;
         }
         if !made.printheads.is_empty() {

@@ -171,6 +171,8 @@ fn what_stands_among_the_names_or_signs_is_read_as_it_is_meant() {
         "t,y,,\n0,1,,\n1,-2,,\n",
         "t,y,t0 = -2e-05, tInc = 1,\n0,1,,\n1,-2,,\n",
         "t,y\n0,1\n1,\u{2212}2\n",
+        // each channel with its own times, of which the second ones are the first
+        "A X,y,B X\n12.3,1,12.3\n1e9,-2,1000000000.0\n",
     ] {
         let (t, decays) = plain(text).unwrap();
         assert_eq!((t.outputs, &decays[0].outputs), (vec!["y".into()], &vec![vec![1.0, -2.0]]));
