@@ -50,6 +50,13 @@ fn a_unit_that_is_not_understood_is_refused_and_an_option_gives_it() {
     house.run("convert days.csv -o t.mcap").exits(1).says("days, as spreadsheets count them");
     house.ok("convert days.csv -o t.mcap --time-unit d");
     let burst = &bursts(&house.path("t.mcap"))[0];
+    // LabVIEW counts from 1904
+    let labview: String = (0..40)
+        .map(|k| format!("{:.3},{}\n", 3_701_239_200.0 + f64::from(k) / 1e3, k % 7))
+        .collect();
+    house.write("labview.csv", format!("time,a\n{labview}"));
+    let told = house.ok("convert labview.csv -o t.mcap");
+    assert!(told.contains("2087-04-15") && told.contains("that is 2021-04-14T"), "{told}");
     // 2026-11-01T12:00:00Z
     assert!((burst.t_acq_ns - 1_793_534_400_000_000_000).abs() < 1_000_000, "{}", burst.t_acq_ns);
     assert!((burst.sample_period_s - 1.0).abs() < 1e-6);
@@ -162,6 +169,8 @@ fn what_is_no_table_or_leaves_a_choice_is_refused_with_what_to_do() {
         (b"TDSm\x0e\0\0\0", "TDMS"),
         (b"\xd0\xcf\x11\xe0\xa1\xb1", "workbook"),
         (b"\x1f\x8b\x08\0\0", "gzip"),
+        (b"<!DOCTYPE html><html>", "an HTML page"),
+        (b"version https://git-lfs.github.com/spec/v1\n", "git lfs pull"),
     ] {
         house.write("t.bin", start);
         house.run("convert t.bin -o t.mcap").exits(2).says(says).says(magic).says("import inkling");

@@ -202,6 +202,6 @@ fn as_time<S: Serializer>(t_ns: &i64, to: S) -> Result<S::Ok, S::Error> {
 }
 
 /// A time, ns since the epoch, as RFC 3339 in milliseconds.
-fn time(t_ns: i64) -> String {
+pub fn time(t_ns: i64) -> String {
     DateTime::from_timestamp_nanos(t_ns).to_rfc3339_opts(SecondsFormat::Millis, true)
 }

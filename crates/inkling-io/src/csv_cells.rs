@@ -87,10 +87,23 @@ pub(super) fn no_number(cell: &str, otherwise: &str) -> String {
 type Cause = (fn(&str) -> bool, &'static str);
 
 /// Why a cell that begins with a digit is no number, the likeliest cause first, and what to do about it.
-const ADVICE: [Cause; 4] = [
+const ADVICE: [Cause; 6] = [
     (
         |cell| [':', '/'].into_iter().any(|sign| cell.matches(sign).count() >= 2),
         "write times as 2026-11-01T08:00:00.5, or as seconds",
+    ),
+    (
+        |cell| cell.contains(':') && cell.chars().all(|c| is_of_number(c) || ":,".contains(c)),
+        "it may be minutes and seconds, as spreadsheets show times: write seconds, with all their digits",
+    ),
+    (
+        |cell| {
+            cell.replace(',', ".")
+                .replace(['D', 'd'], "e")
+                .parse::<f64>()
+                .is_ok_and(|_| cell.contains(['D', 'd']))
+        },
+        "its exponent is one of Fortran: write e instead of D",
     ),
     (|cell| cell.starts_with("0x") || cell.starts_with("0X"), "write whole numbers to base 10"),
     (

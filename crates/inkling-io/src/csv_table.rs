@@ -119,10 +119,23 @@ fn choose(header: &StringRecord, columns: &Columns, cells: Cells) -> Result<Chos
     if let Some(name) = names.iter().find(|name| name.len() > LONGEST_NAME) {
         return Err(format!("a column's name is too long: {:?}", printable::cell(name)));
     }
-    if names.iter().all(|name| cells.number(name).is_some_and(f64::is_finite)) {
-        return Err("the first line holds numbers: it must name the columns".to_owned());
+    let is_number = |name: &String| cells.number(name).is_some_and(f64::is_finite);
+    let unnamed = || Err("the first line holds numbers: it must name the columns".to_owned());
+    if names.iter().all(is_number) {
+        return unnamed();
     }
-    choose_columns(names, columns)
+    if let ([only], false) = (&names[..], columns.rows_are_samples) {
+        return Err(format!(
+            "{:?} has no comma, semicolon or tab, which separate cells: a line sep=| above it says another sign; \
+             tr -s ' ' , makes commas of blanks; --period-s takes a column of samples alone",
+            printable::cell(only)
+        ));
+    }
+    let chosen = choose_columns(names, columns)?;
+    match columns.time.is_none() && chosen.time.is_some_and(|c| is_number(&chosen.names[c])) {
+        true => unnamed(),
+        false => Ok(chosen),
+    }
 }
 
 #[cfg(test)]

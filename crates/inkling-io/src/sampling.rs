@@ -90,12 +90,18 @@ pub fn sample(decays: Vec<Decay>, time: TimeColumn, resample: bool) -> Result<Sa
     Ok(Sampled { decays, ..sampled })
 }
 
-/// The decays of a table whose rows count as samples one after the other; of their times only gaps between
-/// acquisitions count.
+/// The decays of a table whose rows count as samples one after the other; of their times only gaps count: those between
+/// acquisitions, and those of missing rows, which are refused.
 pub fn as_listed(decays: Vec<Decay>) -> Result<Sampled, String> {
     let (decays, segments) = segments::cut(decays);
     for decay in &decays {
         check_length(decay.times.len()).map_err(refused(decay))?;
+        // times that count samples, and not such as stand still within a burst, may show that some are missing
+        if decay.times.is_sorted_by(|a, b| a < b) {
+            let what =
+                |what| format!("rows do not follow each other, as --period-s takes them: {what}");
+            check_gaps(decay).map_err(what).map_err(refused(decay))?;
+        }
     }
     let missing = cells_missing(&decays);
     Ok(Sampled { period: 1.0, missing, decays, segments, ..Sampled::default() })

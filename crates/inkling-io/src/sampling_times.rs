@@ -5,12 +5,16 @@
 
 use super::segments;
 use super::table_file::Decay;
-use super::time_column::has_word_for_time;
+use super::time_column::{has_word_for_time, is_time};
 use inkling_core::model::median::median_of;
 
 /// How far a time may lie from the regular grid, in sample periods.
 pub(super) const MOST_OFF_GRID: f64 = 0.03;
 pub(super) const FEWEST_SAMPLES: usize = 4;
+/// How far a step may lie from a whole number of sample periods, in these, where rows are missing.
+pub(super) const MOST_OFF_STEP: f64 = 0.1;
+/// So many periods tell one better than the usual step does, however times were rounded.
+const PERIODS_OF_ONE: f64 = 16.0;
 
 /// The column of times.
 #[derive(Clone, Copy, Debug)]
@@ -69,9 +73,20 @@ fn not_increasing(decay: &Decay, k: usize, time: TimeColumn) -> String {
         (Some(rows), _) => format!(
             "each time of {name:?} stands in {rows} rows: keep one row of each time, with a column for each channel"
         ),
-        (None, 0) => format!(
+        (None, 0) if before == after => format!(
+            "rows {k} and {} have one time in {name:?}, {after}: remove one of them, or name the column that tells decays \
+             apart with --burst",
+            k + 1
+        ),
+        (None, 0) if is_time(name) => format!(
             "{name:?} does not increase at its row {}: {after} after {before}; sort the rows, or name \
              the column that tells decays apart with --burst (time: --time)",
+            k + 1
+        ),
+        (None, 0) => format!(
+            "{name:?}, which is not called time, does not increase at its row {}: {after} after {before}; where no column \
+             is of times, --period-s says how far apart rows are; else --time names it, or --burst one that tells decays \
+             apart",
             k + 1
         ),
         (None, again) => format!(
@@ -97,17 +112,18 @@ pub(super) fn fitted_period(times: &[f64]) -> f64 {
 }
 
 /// The sample period of times with gaps: the median step, refined. If every step is (to 0.1) a
-/// multiple of the median step, each time t has a number k on a grid from the first time on, and
-/// the period is sum k (t - t_0) / sum k^2 (least squares). If not, the times are irregular, and
+/// multiple of the median step, or of the period of the times before it, each time t has a number k on a grid from the
+/// first time on, and the period is sum k (t - t_0) / sum k^2 (least squares). If not, the times are irregular, and
 /// the median step itself is given.
 pub(super) fn median_step(times: &[f64]) -> f64 {
     let step = median_of(times.windows(2).map(|w| w[1] - w[0]));
     let (mut kt, mut kk) = (0.0, 0.0);
     let mut k = 0.0;
     for pair in times.windows(2) {
-        let steps = ((pair[1] - pair[0]) / step).round();
-        if ((pair[1] - pair[0]) / step - steps).abs() > 0.1 {
-            return step; // no multiple of the usual step: the times are irregular
+        let period = if k > PERIODS_OF_ONE { kt / kk } else { step };
+        let steps = ((pair[1] - pair[0]) / period).round();
+        if ((pair[1] - pair[0]) / period - steps).abs() > MOST_OFF_STEP {
+            return step; // no multiple of the period: the times are irregular
         }
         k += steps;
         kt += k * (pair[1] - times[0]);
@@ -121,7 +137,7 @@ pub(super) fn check_gaps(decay: &Decay) -> Result<(), String> {
     const MOST_TOLD: usize = 3;
     let times = &decay.times;
     let period = median_step(times);
-    let (mut gaps, mut count, mut k) = (Vec::new(), 0, 0.0);
+    let (mut gaps, mut count, mut longest, mut k) = (Vec::new(), 0, 0.0_f64, 0.0);
     for (at, pair) in times.windows(2).enumerate() {
         let steps = ((pair[1] - pair[0]) / period).round();
         k += steps;
@@ -131,6 +147,7 @@ pub(super) fn check_gaps(decay: &Decay) -> Result<(), String> {
         }
         if steps > 1.0 {
             count += steps as usize - 1;
+            longest = longest.max(steps);
             gaps.extend(decay.time(at));
         }
     }
@@ -145,11 +162,13 @@ pub(super) fn check_gaps(decay: &Decay) -> Result<(), String> {
     let samples = if count == 1 { "sample" } else { "samples" };
     // what lies between acquisitions was not sampled: none of it may be interpolated
     let are_equal = gaps.len() > 1 && segments::length(times, 1.5).is_some();
+    let of_two = "needs a table of its own, or a column that --burst names";
     let advice = match are_equal || count > times.len() {
-        true => {
-            "if acquisitions end there, each needs a table of its own, or a column that --burst names"
-        }
-        false => "--resample interpolates them",
+        true => format!("if acquisitions end there, each {of_two}"),
+        false if longest > segments::FEWEST_STEPS => format!(
+            "if acquisitions end there, each {of_two}; if not, --resample draws a curve through what was not measured"
+        ),
+        false => "--resample interpolates them".to_owned(),
     };
     let (told, period) = (told.join(", "), rounded(period));
     Err(format!("{count} {samples} missing {told}{more} of times every {period}; {advice}"))

@@ -4,16 +4,16 @@
 //! In: the times of a decay. Out: its segments, as decays of their own ([`cut`]); or whether its times are
 //! rounded ([`standing`], [`are_rounded`]) or stand in several rows ([`rows_of_each`]). Instruments that record
 //! segments export all of them in one table: the times go on after a gap, or begin again, after equally many
-//! samples each time.
+//! samples each time, but for the last one, which may have been cut off.
 
-use super::sampling_times::fitted_period;
+use super::sampling_times::{MOST_OFF_STEP, fitted_period};
 use super::table_file::Decay;
 use inkling_core::model::median::median;
 
 /// Fewest samples of a segment, and how many usual steps the gap between two must have at least. A table
 /// that lacks some rows has shorter gaps, and not after equally many rows.
 const FEWEST_SAMPLES: usize = 16;
-const FEWEST_STEPS: f64 = 10.0;
+pub(super) const FEWEST_STEPS: f64 = 10.0;
 /// A step that is no exception makes up this share of all steps.
 const COMMON: usize = 50;
 
@@ -57,7 +57,15 @@ pub(super) fn length(times: &[f64], fewest_steps: f64) -> Option<usize> {
     let length = (1..times.len()).find(|at| begins(*at)).filter(|n| *n >= FEWEST_SAMPLES)?;
     let last = times.len() % length;
     let is_regular = (1..times.len()).all(|at| begins(at) == at.is_multiple_of(length));
-    (far > 0.0 && is_regular && (last == 0 || last >= FEWEST_SAMPLES)).then_some(length)
+    let are_whole = last == 0 || last >= FEWEST_SAMPLES && !is_one_with_gap(times, length);
+    (far > 0.0 && is_regular && are_whole).then_some(length)
+}
+
+/// Whether times are those of one burst that lacks samples behind so many of them: no two stretches are equally long,
+/// and times go on after a whole number of periods.
+fn is_one_with_gap(times: &[f64], length: usize) -> bool {
+    let gap = (times[length] - times[length - 1]) / fitted_period(&times[..length]);
+    times.len() < 2 * length && gap > 0.0 && (gap - gap.round()).abs() < MOST_OFF_STEP
 }
 
 /// How many times are those of the row before; 0: too few for times with too few digits, or a time goes back.

@@ -62,6 +62,8 @@ pub(super) struct ChosenColumns {
     pub burst: Option<usize>,
     pub printhead: Option<usize>,
     pub beside: Vec<usize>,
+    /// Whether nobody said which columns are outputs.
+    pub are_guessed: bool,
     /// Columns that number the rows, hold remarks, or times that are not read.
     pub left_out: Vec<usize>,
 }
@@ -82,7 +84,15 @@ impl ChosenColumns {
     pub fn check_cells(&self, row: &csv::StringRecord) -> Result<(), String> {
         let needed = self.asked_for().max().map_or(0, |last| last + 1);
         let is_there = row.iter().skip(self.names.len()).all(str::is_empty) && row.len() >= needed;
-        let what = || format!("{} cells where the header has {}", row.len(), self.names.len());
+        let what = || {
+            let advice = match row.len() > self.names.len() {
+                true => {
+                    "write points before decimals, or semicolons between cells, and none that is too many"
+                }
+                false => "remove the line, and what is below it, where they are no rows of samples",
+            };
+            format!("{} cells where the header has {}: {advice}", row.len(), self.names.len())
+        };
         is_there.then_some(()).ok_or_else(what)
     }
 
@@ -160,7 +170,9 @@ pub(super) fn choose_columns(
         let time = time.map_or("", |c| &names[c]);
         return Err(format!("no column is left for an output beside {time:?}"));
     }
-    let chosen = ChosenColumns { names, time, outputs, burst, printhead, beside, left_out };
+    let are_guessed = columns.outputs.is_none();
+    let chosen =
+        ChosenColumns { names, time, outputs, burst, printhead, beside, are_guessed, left_out };
     chosen.check_once(columns.time.is_some())?;
     Ok(chosen)
 }

@@ -36,6 +36,9 @@ pub(super) fn unread(path: &Path) -> impl Fn(io::Error) -> FileError {
 /// From this size on, whole numbers are taken off times: f64 holds fewer than ten digits behind the point beside them.
 const LARGE_TIME: u64 = 1_000_000;
 
+/// How far two readings of one time may differ, relative, by the rounding of their digits.
+const SAME_TIME: f64 = 1e-12;
+
 /// A time, in the unit of its column: a whole number, and what is added to it. One f64 holds times since 1970 only to
 /// 0.2 µs, and exports count in nanoseconds.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -136,6 +139,21 @@ impl Table {
         Table { time, unit, left_out, outputs, decays: Vec::new(), rows_are_bursts: false }
     }
 
+    /// Leaves out the outputs that are the times once more, as where each channel is exported with its own; one output
+    /// stays.
+    fn leave_out_copies(&mut self) {
+        let is_copy = |c: usize, of: &Decay| {
+            let times = of.times.iter().map(|t| of.base as f64 + t);
+            times.zip(&of.outputs[c]).all(|(t, y)| (y - t).abs() <= SAME_TIME * t.abs())
+        };
+        for c in (0..self.outputs.len()).rev() {
+            if self.outputs.len() > 1 && self.decays.iter().all(|of| is_copy(c, of)) {
+                self.left_out.push(self.outputs.remove(c));
+                self.decays.iter_mut().for_each(|of| drop(of.outputs.remove(c)));
+            }
+        }
+    }
+
     /// The first time of the first decay, by whose size the caller may guess the unit.
     pub fn first_time(&self) -> Option<f64> {
         self.time.as_ref().and(self.decays.first()?.time(0))
@@ -211,7 +229,10 @@ impl Rows<'_> {
 
     /// The table of these rows; `None`: there are none.
     pub fn table(self, unit: Option<TimeUnit>) -> Option<Table> {
-        (!self.decays.is_empty())
-            .then(|| Table { decays: self.decays, ..Table::of(self.chosen, unit) })
+        let mut table = Table { decays: self.decays, ..Table::of(self.chosen, unit) };
+        if self.chosen.are_guessed && table.time.is_some() {
+            table.leave_out_copies();
+        }
+        (!table.decays.is_empty()).then_some(table)
     }
 }

@@ -10,7 +10,7 @@
 
 use super::printable;
 use super::regular_file::too_large;
-use super::time_column::{TimeUnit, numbers_rows};
+use super::time_column::{TimeUnit, has_word_for_time, is_time, numbers_rows};
 use csv::{ByteRecord, StringRecord};
 use std::io::{self, BufRead, BufReader, Cursor, Read};
 
@@ -22,6 +22,10 @@ const MOST_UTF16_BYTES: u64 = 64 << 20;
 const HEAD_BYTES: u64 = 64 << 10;
 /// So many rows of numbers below a line of names are the begin of a table.
 const ROWS_OF_BEGIN: usize = 3;
+/// Most lines of text between names and numbers: units, and what was done to measure.
+const MOST_TEXTS: usize = 2;
+/// Lines at the begin that are looked at for numbers to the right of text.
+const LINES_BESIDE: usize = 20;
 
 /// How a text is read.
 #[derive(Clone, Copy, Debug, Default)]
@@ -115,17 +119,32 @@ impl TextTable {
         Ok(is_there.then_some((line, record)))
     }
 
-    /// Where a table begins below the first record, in a sentence of what to do; `None`: nothing there looks
-    /// like one.
+    /// Where a table begins below the first record, or what stands in the way of its begin, in a sentence of what to do;
+    /// `None`: nothing there looks like one.
     pub fn begins_below(&self) -> Option<String> {
         let head = String::from_utf8_lossy(&self.head);
         let lines: Vec<&str> = head.lines().collect();
-        let at = [';', '\t', ','].into_iter().find_map(|d| begin(&lines, d))?;
+        let first = (self.first_line as usize).saturating_sub(1);
+        let found = [';', '\t', ','].into_iter().find_map(|d| begin(&lines, d, first));
+        let Some((at, texts)) = found else {
+            return columns_beside(lines.get(first..)?, char::from(self.delimiter));
+        };
+        let below = match texts[..] {
+            [from, .., to] => {
+                format!("remove lines {} to {}, which hold no numbers", from + 1, to + 1)
+            }
+            _ => String::new(),
+        };
         let names = printable::cell(lines[at]);
-        let (line, passed) = (at as u64 + 1, at);
-        (line > self.first_line).then(|| {
-            format!("a table begins at line {line} ({names}): --skip-lines {passed} passes over what stands before it")
-        })
+        let begins = format!(
+            "a table begins at line {} ({names}): --skip-lines {at} passes over what stands before it",
+            at + 1
+        );
+        match (at > first, below.is_empty()) {
+            (true, true) => Some(begins),
+            (true, false) => Some(format!("{begins}; {below}")),
+            (false, is_whole) => (!is_whole).then_some(below),
+        }
     }
 }
 
@@ -169,43 +188,87 @@ fn delimiter(start: &[u8]) -> u8 {
     [b';', b'\t'].into_iter().find(|d| header.contains(d)).unwrap_or(b',')
 }
 
-/// The index of the line of names with which a table begins: rows of numbers follow it, perhaps after a line
-/// of units.
-fn begin(lines: &[&str], delimiter: char) -> Option<usize> {
+/// What to do where lines of another kind stand to the left of the numbers, as some oscilloscopes write them; `None`:
+/// they do not.
+fn columns_beside(lines: &[&str], delimiter: char) -> Option<String> {
+    let are_numbers = |line: &&str| -> Vec<bool> {
+        line.split(delimiter).map(|cell| cell.trim().parse::<f64>().is_ok()).collect()
+    };
+    // a number, a date or a time stands in the first column of other tables
+    let is_text = !lines.get(1)?.starts_with(|c: char| c.is_ascii_digit() || "+-.".contains(c));
+    let lines: Vec<Vec<bool>> = lines.iter().take(LINES_BESIDE).map(are_numbers).collect();
+    let in_all = |c: &usize| lines.iter().all(|line| line.get(*c) == Some(&true));
+    let columns: Vec<String> =
+        (0..lines[0].len()).filter(in_all).map(|c| (c + 1).to_string()).collect();
+    (is_text && columns.len() > 1).then(|| {
+        format!(
+            "text stands to the left of the numbers: cut them out (cut -d '{delimiter}' -f {}), and write a line of names \
+             above them",
+            columns.join(",")
+        )
+    })
+}
+
+/// The index of the line of names with which a table begins, and those of the lines between it and rows of numbers: one
+/// of units, and another one. `first`: the index of the first line that is read.
+fn begin(lines: &[&str], delimiter: char, first: usize) -> Option<(usize, Vec<usize>)> {
     let cells = |line: &str| -> Vec<String> {
         let cell =
             |cell: &str| cell.trim().trim_matches('"').replace(',', ".").replace('\u{2212}', "-");
         line.split(delimiter).map(cell).filter(|cell| !cell.is_empty()).collect()
     };
+    // a number, or a time of day, perhaps behind a date
+    let is_number = |cell: &String| {
+        let is_time = || cell.starts_with(|c: char| c.is_ascii_digit()) && cell.contains(':');
+        cell.parse::<f64>().is_ok() || is_time()
+    };
     let is_row = |at: &usize| {
         let cells = cells(lines[*at]);
-        cells.len() > 1 && cells.iter().all(|cell| cell.parse::<f64>().is_ok())
+        cells.len() > 1 && cells.iter().all(is_number)
     };
-    // columns may be called 1 and 2, but not -1.5 or 1.400,00
-    let names_none = |at: usize| {
+    let begins_with_number = |at: &usize| cells(lines[*at]).first().is_some_and(is_number);
+    // only in the line that stands first, and behind a name, columns may be called 1 and 2, but not -1.5 or 1.400,00
+    let may_name = |at: usize| {
         let is_number = |cell: &String| {
             let digits = cell.trim_matches(|c: char| c.is_ascii_digit() || ".+-eE".contains(c));
-            digits.is_empty() && cell.contains(['.', '+', '-'])
+            digits.is_empty() && (at > first || cell.contains(['.', '+', '-']))
         };
-        cells(lines[at]).iter().any(is_number)
+        !begins_with_number(&at) && !cells(lines[at]).iter().any(is_number)
     };
     let filled = |at: &usize| !lines[*at].trim().is_empty() && !lines[*at].starts_with('#');
     let there: Vec<usize> = (0..lines.len()).filter(filled).collect();
-    // a line of units has one of time, or says that rows are numbered
-    let are_units = |at: usize| {
-        let first = cells(lines[at]).into_iter().next().unwrap_or_default();
-        matches!(TimeUnit::in_text(&first), Ok(Some(_))) || numbers_rows(&first)
-    };
-    let begins = |below: &[usize]| {
-        let names = cells(lines[below[0]]).len();
-        let is_table = |rows: &[usize]| {
-            let rows = rows.get(..ROWS_OF_BEGIN).unwrap_or_default();
-            !rows.is_empty() && rows.iter().all(|at| is_row(at) && cells(lines[*at]).len() <= names)
+    // one line of units, if it has one of time, or says that rows are numbered, or more below a name of times; what
+    // begins with a digit is a value, as in a line of when something was measured
+    let are_units = |names: usize, texts: &[usize]| {
+        let [named, below] =
+            [Some(&names), texts.first()].map(|at| at.map_or(Vec::new(), |at| cells(lines[*at])));
+        let has_value = named.iter().any(|cell| cell.starts_with(|c: char| c.is_ascii_digit()));
+        let is_of_time = || named.first().is_some_and(|name| is_time(name)) && !has_value;
+        let unit = below.first().map_or("", |cell| &**cell);
+        let is_unit = || {
+            let is_of_time = matches!(TimeUnit::in_text(unit), Ok(Some(_)));
+            is_of_time && !has_word_for_time(unit) || numbers_rows(unit)
         };
-        let has_units = || below.len() > 1 && are_units(below[1]) && is_table(&below[2..]);
-        !is_row(&below[0]) && !names_none(below[0]) && (is_table(&below[1..]) || has_units())
+        match texts.len() {
+            0 => true,
+            1 => is_unit() || is_of_time(),
+            n => n <= MOST_TEXTS && is_of_time(),
+        }
     };
-    (0..there.len()).find(|at| begins(&there[*at..])).map(|at| there[at])
+    let is_table = |names: usize, rows: &[usize]| {
+        let columns = cells(lines[names]).len();
+        // the first rows may lack a number, such as where an instrument was over its range
+        let lacking = rows.iter().take_while(|at| begins_with_number(at) && !is_row(at)).count();
+        let rows = rows[lacking..].get(..ROWS_OF_BEGIN).unwrap_or_default();
+        !rows.is_empty() && rows.iter().all(|at| is_row(at) && cells(lines[*at]).len() <= columns)
+    };
+    there.iter().enumerate().find_map(|(n, &names)| {
+        let below = &there[n + 1..];
+        let texts = below.iter().take(MOST_TEXTS + 1).take_while(|at| !begins_with_number(at));
+        let (texts, rows) = below.split_at(texts.count());
+        (may_name(names) && are_units(names, texts) && is_table(names, rows))
+            .then(|| (names, texts.to_vec()))
+    })
 }
 
 /// Ends every line with LF, also the last one.
@@ -323,6 +386,9 @@ mod tests {
             ("Model,X1\nRate,1e6\n\nTime,A\n", 4),
             ("Source,A\nSecond,Volt\n", 1),
             ("Time,A\n0,1.400,5\n", 1),
+            ("t_us,U1\n-2,CLIPPED\n-1,CLIPPED\n", 1),
+            ("Model,X1\nt_us,U1\n-1,CLIPPED\n", 2),
+            ("Model,X1\nRate,1000000\n", 1),
             ("#note\n;Rate,5,,\nSample,V,\ns,V,\n\n", 3),
         ] {
             let text = format!("{head}{rows}");
@@ -333,6 +399,34 @@ mod tests {
             let told = told.begins_below().unwrap_or_default();
             let says = format!("at line {line} ");
             assert!(line == 1 && told.is_empty() || told.contains(&says), "{head}: {told}");
+        }
+    }
+
+    #[test]
+    fn lines_of_text_below_names_or_to_the_left_of_numbers_are_told() {
+        let rows = "1/11/2026 08:00:00.5,0,1\n".repeat(3);
+        let units = "TIMESTAMP,N,V\nTS,RN,mV\n,,Smp\n";
+        let beside: String = (1..26)
+            .map(|k| format!("{},{},{k}e-6,{k},\n", ["Points", ""][k / 9 % 2], [500, 0][k / 5 % 2]))
+            .collect();
+        for (text, says) in [
+            (
+                format!("TOA5,CR1000,CR1000\n{units}{rows}"),
+                "line 2 (TIMESTAMP,N,V): --skip-lines 1",
+            ),
+            (
+                format!("TOA5,CR1000,CR1000\n{units}{rows}"),
+                "it; remove lines 3 to 4, which hold no",
+            ),
+            (format!("{units}{rows}"), "remove lines 2 to 3, which"),
+            (format!("Time,08:00:00.5,\nX,V,W\n{rows}"), "line 2 (X,V,W)"),
+            (beside.replace(",0,", ",,"), "(cut -d ',' -f 3,4), and write a line of names"),
+        ] {
+            let options = TextOptions { most_bytes: 2000, ..TextOptions::default() };
+            let mut told = TextTable::open(Cursor::new(text.into_bytes()), options).unwrap();
+            assert!(told.next_record().is_ok());
+            let told = told.begins_below().unwrap_or_default();
+            assert!(told.contains(says), "{says}: {told}");
         }
     }
 

@@ -62,7 +62,7 @@ pub fn compressed_by(bytes: &[u8]) -> Option<&'static str> {
 }
 
 /// How files begin that people name as recordings or tables, and what they are.
-const KINDS: [(usize, &[u8], &str); 13] = [
+const KINDS: [(usize, &[u8], &str); 17] = [
     (0, b"#ROSBAG", "a bag of ROS 1 (`rosbags-convert` makes ROS 2 of it)"),
     (0, b"SQLite format 3", "a bag of ROS 2 in SQLite (`mcap convert` makes MCAP of it)"),
     (0, b"\x89HDF\r\n\x1a\n", "HDF5, as MATLAB writes it, too"),
@@ -75,6 +75,10 @@ const KINDS: [(usize, &[u8], &str); 13] = [
     (0, b"ARROW1", "an Arrow file"),
     (0, b"\xff\xff\xff\xff", "an Arrow stream"),
     (0, b"MDF     ", "an MDF file"),
+    (0, b"<!DOCTYPE", "an HTML page, such as a server sends instead of a file"),
+    (0, b"<!doctype", "an HTML page, such as a server sends instead of a file"),
+    (0, b"<html", "an HTML page, such as a server sends instead of a file"),
+    (0, b"version https://git-lfs", "a pointer of Git LFS (`git lfs pull` fetches the file)"),
     (0, b"ULog\x01\x12\x35", "a ULog file"),
 ];
 

@@ -34,17 +34,17 @@ pub struct BurstClock {
     pub moved: usize,
     /// Number of bursts without a time of their own.
     untimed: u64,
-    /// Whether times were taken as times since the epoch.
-    absolute: bool,
+    /// The latest time that was taken as since the epoch, ns.
+    pub latest_ns: Option<i64>,
 }
 
 impl BurstClock {
     /// Begins anew, by the options `--start` and `--every`; what is told of earlier bursts stays.
     pub fn start_at(&mut self, start_ns: Option<i64>, every_s: Option<f64>) {
         let (every_ns, free_from_ns) = (every_s.map(|s| s * 1e9), f64::NEG_INFINITY);
-        let BurstClock { moved, untimed, absolute, .. } = *self;
+        let BurstClock { moved, untimed, latest_ns, .. } = *self;
         let first = BurstClock { start_ns, every_ns, free_from_ns, ..BurstClock::default() };
-        *self = BurstClock { moved, untimed, absolute, ..first };
+        *self = BurstClock { moved, untimed, latest_ns, ..first };
     }
 
     /// The time of the next burst, ns since the epoch; `None` if it is not between 1970 and 2200. `time_ns`:
@@ -65,8 +65,9 @@ impl BurstClock {
         if let (None, Some((ns, after)), None) = (self.every_ns, time_ns, self.start_ns)
             && first_ns as f64 + first_after >= ABSOLUTE_NS
         {
-            self.absolute = true;
-            return later(ns, after);
+            let time_ns = later(ns, after);
+            self.latest_ns = self.latest_ns.max(time_ns);
+            return time_ns;
         }
         let start_ns = self.start_ns.unwrap_or(SOME_START_NS);
 
@@ -94,7 +95,7 @@ impl BurstClock {
 
     /// Whether nothing gave the time of the first burst.
     pub fn invented(&self) -> bool {
-        self.start_ns.is_none() && !self.absolute && self.given > 0
+        self.start_ns.is_none() && self.latest_ns.is_none() && self.given > 0
     }
 
     /// Whether bursts follow each other without a gap because nothing gave their times.

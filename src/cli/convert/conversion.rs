@@ -5,6 +5,7 @@
 //! give. Out: a [`Burst`] per decay, which `convert` writes ([`Conversion::burst`]); at the end
 //! what was made and what had to be assumed ([`Conversion::tell`], or [`Made`] as JSON).
 
+use super::super::contents;
 use super::super::exit::Failure;
 use super::super::output;
 use super::super::progress::{counted, thousands};
@@ -16,6 +17,7 @@ use bytes::Bytes;
 use inkling_core::burst::{Burst, Layout};
 use inkling_io::sampling::Sampled;
 use inkling_io::table_file::Decay;
+use inkling_io::when;
 use serde::Serialize;
 use std::collections::BTreeSet;
 use std::io::Write;
@@ -24,6 +26,8 @@ use std::sync::Arc;
 
 /// Longest sample period, s: even tides, sampled every ten minutes, have a shorter one.
 const LONGEST_PERIOD_S: f64 = 1000.0;
+/// From 1904, where LabVIEW begins to count, to 1970.
+const BEGIN_1904_NS: i64 = 2_082_844_800_000_000_000;
 /// Times that move so often in a burst say its length to a tenth, whatever their digits.
 const LEAST_MOVES: usize = 10;
 
@@ -253,10 +257,7 @@ impl<'a> Conversion<'a> {
         if let Some(Sampled { interpolated, missing, most_off_grid, segments, .. }) = &self.sampled
         {
             if *segments > 0 {
-                writeln!(
-                    out,
-                    "  {segments} bursts are segments: times jump after equally many samples"
-                )?;
+                writeln!(out, "  {segments} bursts are segments: times jump between them")?;
             }
             if self.args.resample {
                 write!(out, "  resampled: {interpolated} of {samples} samples interpolated, ")?;
@@ -268,13 +269,21 @@ impl<'a> Conversion<'a> {
         if let Some(Times { unit, why, .. }) = &self.times {
             writeln!(out, "  times are taken as {}, {}", unit.name, printable(why))?;
         }
+        if let Some(ns) = self.clock.latest_ns.filter(|ns| when::is_far_ahead(*ns)) {
+            let [told, since_1904] = [ns, ns - BEGIN_1904_NS].map(contents::time);
+            write!(
+                out,
+                "  times reach to {told}, years from now: if they count since 1904, as LabVIEW "
+            )?;
+            writeln!(out, "does, that is {since_1904}; --start says when the first burst began")?;
+        }
         if !made.left_out.is_empty() {
             let left_out: Vec<String> =
                 made.left_out.iter().map(|name| format!("{name:?}")).collect();
             let left_out = printable(&left_out.join(", "));
             writeln!(
                 out,
-                "  no outputs, as they number rows or are remarks: {left_out} (--outputs)"
+                "  no outputs, as they number rows, repeat times or are remarks: {left_out} (--outputs)"
             )?;
         }
         if !made.printheads.is_empty() {

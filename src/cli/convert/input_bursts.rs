@@ -90,9 +90,14 @@ pub struct Times {
     pub why: String,
 }
 
-/// Days from the beginning of 1900 as spreadsheets count them: 1970, and 2000 to 2100.
-const DAYS_OF_1970: f64 = 25_569.0;
-const LIKELY_DAYS: std::ops::Range<f64> = 36_526.0..73_051.0;
+/// Who counts days so that 1970 begins on which of them.
+const DAYS_OF_1970: [(f64, &str); 3] = [
+    (25_569.0, "spreadsheets"),
+    (719_529.0, "programs such as MATLAB"),
+    (2_440_587.5, "astronomers"),
+];
+/// The days of 2000 to 2100 since 1970.
+const LIKELY_DAYS: std::ops::Range<f64> = 10_957.0..47_482.0;
 
 impl Times {
     /// The unit of a table's times: as the table or an option says, or else by the size of the first time if it
@@ -101,9 +106,9 @@ impl Times {
     fn of(table: &Table, columns: &Columns) -> Result<Option<Times>, String> {
         let Some(column) = &table.time else { return Ok(None) };
         let first = table.first_time().unwrap_or(0.0).abs();
-        let are_days = LIKELY_DAYS.contains(&first);
+        let days = DAYS_OF_1970.iter().find(|(zero, _)| LIKELY_DAYS.contains(&(first - zero)));
         let of = |unit: TimeUnit, why: String| {
-            let zero = if unit == TimeUnit::DAYS && are_days { DAYS_OF_1970 } else { 0.0 };
+            let zero = days.filter(|_| unit == TimeUnit::DAYS).map_or(0.0, |(zero, _)| *zero);
             Ok(Some(Times { unit, zero, why }))
         };
         match (table.unit, columns.unit) {
@@ -115,13 +120,13 @@ impl Times {
             let unit = TimeUnit::called(word).unwrap_or(TimeUnit::SECONDS);
             of(unit, "since 1970, by their size".into())
         };
-        match first {
-            t if t >= 3e17 => by_size("ns"),
-            t if t >= 3e14 => by_size("us"),
-            t if t >= 3e11 => by_size("ms"),
-            t if t >= 3e8 => by_size("s"),
-            t if are_days => Err(format!(
-                "times such as {t} may be days, as spreadsheets count them, or seconds: --time-unit d, or s, says which"
+        match (first, days) {
+            (t, _) if t >= 3e17 => by_size("ns"),
+            (t, _) if t >= 3e14 => by_size("us"),
+            (t, _) if t >= 3e11 => by_size("ms"),
+            (t, _) if t >= 3e8 => by_size("s"),
+            (t, Some((_, who))) => Err(format!(
+                "times such as {t} may be days, as {who} count them, or seconds: --time-unit d, or s, says which"
             )),
             _ => of(
                 TimeUnit::SECONDS,
@@ -159,12 +164,14 @@ mod tests {
         assert_eq!(all, [1e9, 1e9, 1e6, 1e3, 1.0].map(Ok));
         // what is said has precedence
         assert_eq!(times(TimeUnit::called("ms"), 1.77e15).unwrap().unit.ns, 1e6);
-        assert!(times(None, 46_327.3).unwrap_err().contains("--time-unit d"));
-        // 2026-11-01T08:00:00Z, as a spreadsheet counts
-        let days = times(Some(TimeUnit::DAYS), 46_327.0).unwrap();
+        // 2026-11-01T08:00:00Z, as spreadsheets, MATLAB and astronomers count
         let at = |times: Vec<f64>, base: i64| Decay { times, base, ..Decay::default() };
-        let (base, after) = days.begin(&at(vec![46_327.0 + 8.0 / 24.0], 0)).unwrap();
-        assert!(base == 0 && (after - 1_793_520_000e9).abs() < 1e3);
+        for day in [46_327.0, 740_287.0, 2_461_345.5] {
+            assert!(times(None, day).unwrap_err().contains("--time-unit d"), "{day}");
+            let days = times(Some(TimeUnit::DAYS), day).unwrap();
+            let (base, after) = days.begin(&at(vec![day + 8.0 / 24.0], 0)).unwrap();
+            assert!(base == 0 && (after - 1_793_520_000e9).abs() < 1e5, "{day}: {after}");
+        }
         let two = times(Some(TimeUnit::DAYS), 2.0).unwrap();
         assert_eq!(two.begin(&at(vec![2.0], 0)), Some((0, 2.0 * 8.64e13)));
         let seconds = times(None, 1.7e9).unwrap();

@@ -75,14 +75,24 @@ fn missing_cells_are_nan_and_what_is_no_number_names_its_line() {
         ("t,y\n0,1\n1,0x1F\n", "base 10"),
         ("t,y\n0,1\n,2\n", "line 3: column \"t\": a row without a time"),
         ("t,y\n0,1\ninf,2\n", "line 3"),
-        ("t,y\n0,1\n1\n", "line 3: 1 cells where the header has 2"),
+        ("t,y\n0,1\n1\n", "line 3: 1 cells where the header has 2: remove the line"),
+        ("t,y\n0,5,1,5\n", "line 2: 4 cells where the header has 2: write points before decimals"),
+        ("t,y\n00:00.0,1\n00:00.5,1\n", "minutes and seconds, as spreadsheets show times"),
+        ("t,y\n0,4.0D+02\n", "write e instead of D"),
         ("t,y\n", "no rows"),
         ("", "is empty: a line of column names"),
         ("0,1\n1,2\n", "must name the columns"),
-        ("t\n0\n", "no column is left for an output"),
+        ("0,OL\n1,2\n2,3\n3,4\n", "must name the columns"),
+        ("t,y\n0,CLIPPED\n1,2\n2,3\n3,4\n", "line 2: column \"y\": \"CLIPPED\" is no number"),
+        ("t;y\n0;1'300.5\n1;2\n2;3\n3;4\n", "line 2: column \"y\": \"1'300.5\" is no number"),
+        ("t\n0\n", "\"t\" has no comma, semicolon or tab"),
+        ("t_us|y\n0|1\n", "a line sep=| above it"),
+        ("t_us y\n0 1\n", "tr -s ' ' , makes commas of blanks"),
         ("t,y,y\n0,1,2\n", "several columns \"y\""),
         ("Time1 (us),a,Time2 (us),b\n0,1,0,1\n", "\"Time2 (us)\" looks like the times of"),
         ("Time (us),y\n(ms),V\n0,1\n", "says microseconds, and \"(ms)\" below it milliseconds"),
+        ("t,y\nTS,mV\n0,1\n", "\"TS\" is no number: nor is it a unit of time that is known"),
+        ("t,y\n\"0,5\",\"1,5\"\n\"1,5\",\"2,5\"\n", "write a point before decimals"),
         ("t,y\n0,1\nSum,1\n", "line 3: column \"t\": \"Sum\" is no number: remove the line"),
         ("t,head,y\n0,K1,1\n", "--printhead head divides"),
         (
@@ -163,6 +173,8 @@ fn what_stands_among_the_names_or_signs_is_read_as_it_is_meant() {
         "t,y,,\n0,1,,\n1,-2,,\n",
         "t,y,t0 = -2e-05, tInc = 1,\n0,1,,\n1,-2,,\n",
         "t,y\n0,1\n1,\u{2212}2\n",
+        // each channel with its own times, of which the second ones are the first
+        "A X,y,B X\n12.3,1,12.3\n1e9,-2,1000000000.0\n",
     ] {
         let (t, decays) = plain(text).unwrap();
         assert_eq!((t.outputs, &decays[0].outputs), (vec!["y".into()], &vec![vec![1.0, -2.0]]));

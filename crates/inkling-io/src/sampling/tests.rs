@@ -38,6 +38,18 @@ fn rows_that_are_not_there_are_counted_and_told() {
     ] {
         refused(vec![decay(times(gone), f64::sin)], texts);
     }
+    // a dropout is no end of an acquisition, whether times are exact or have few digits
+    let dropout: Vec<i32> = (60..100).chain(128..2000).collect();
+    for (scale, says) in [(1.0, "40 samples missing after t = 0.59 "), (1.0 / 0.3, "t = 1.967 ")] {
+        let coarse = |t: &f64| (t * scale * 1e3).round() / 1e3;
+        let times: Vec<f64> = times(&dropout).iter().map(coarse).collect();
+        let both = ["--burst", "--resample draws a curve"];
+        refused(vec![decay(times.clone(), f64::sin)], &[&[says], &both[..]].concat());
+        assert_refused(
+            as_listed(vec![decay(times, f64::sin)]),
+            &[says, "as --period-s takes them"],
+        );
+    }
     // beside a whole decay it is the one with a gap that is to blame
     let whole = Decay { name: "whole".into(), ..decay(times(&[]), f64::sin) };
     let cut = Decay { name: "cut".into(), ..decay(times(&[999]), f64::sin) };
@@ -80,11 +92,16 @@ fn rows_that_are_samples_are_cut_where_acquisitions_begin() {
 
 #[test]
 fn time_that_goes_back_or_stands_still_is_refused_with_its_row() {
-    for again in [2.0, 3.0] {
+    let other = TimeColumn { name: "CH1", ..T };
+    for (again, time, says) in [
+        (2.0, T, "at its row 5: 2 after 3; sort the rows"),
+        (2.0, other, "row 5: 2 after 3; where no column is of times, --period-s"),
+        (3.0, T, "rows 4 and 5 have one time in \"t\", 3: remove one"),
+    ] {
         let times = vec![0.0, 1.0, 2.0, 3.0, again, 5.0];
         for resample in [false, true] {
-            let sampled = sample(vec![decay(times.clone(), f64::sin)], T, resample);
-            assert_refused(sampled, &["row 5", "--burst"]);
+            let sampled = sample(vec![decay(times.clone(), f64::sin)], time, resample);
+            assert_refused(sampled, &[says, "--burst"]);
         }
     }
 }
