@@ -7,6 +7,7 @@
 //! stand on.
 
 mod axis;
+pub mod digits;
 pub mod page;
 pub mod raster;
 

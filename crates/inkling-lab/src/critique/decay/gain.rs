@@ -12,7 +12,7 @@ use super::noise::{Colour, sizes};
 use super::plant::{Fit, OMEGA, SIGMA};
 use super::selection::Selected;
 use super::stretches::Stretches;
-use super::{spectrum, worth};
+use super::worth;
 use crate::critique::chance::{ONCE_IN_100, surprise_of_count, without_a_name};
 use crate::critique::figures::{BINS, band_of_means, in_bins};
 use crate::critique::finding::{
@@ -22,6 +22,7 @@ use crate::critique::gain::Squares;
 use crate::critique::whiteness::{Lags, whiteness_p};
 use inkling_core::model::inner_product::dot;
 use inkling_core::model::median::median;
+use inkling_core::model::spectrum;
 use nalgebra::{Complex, DMatrix};
 use std::f64::consts::TAU;
 use std::ops::Range;
