@@ -161,7 +161,7 @@ pub fn draw(selected: &Selected) -> Figures {
         Curve::about(mean, std::iter::repeat_n(half, n))
     };
     let mean_misfit = Compared {
-        x: (0..n).map(|k| k as f64 * decays.dt_s).collect(),
+        x: (0..n).map(|k| decays.time_s(k)).collect(),
         before: mean(&before),
         after: mean(&after),
     };

@@ -83,7 +83,7 @@ fn left(selected: &Selected, named: bool) -> Unexplained {
         significant.push(not_white(p, predictable, &misfit, decays));
     }
     if let Some(at) = gain::uneven(&misfit, decays).filter(|_| !named) {
-        let at = digits::short(at as f64 * decays.dt_s);
+        let at = digits::short(decays.time_s(at));
         significant.push(format!(
             "the misfit that is left is not spread evenly: much of it lies about {at} s"
         ));
@@ -123,8 +123,7 @@ fn unexplained(selected: &Selected, left: &Unexplained) -> Vec<String> {
 pub fn critique(data: &Observations) -> Result<Outcome, CritiqueError> {
     let all = Decays::of(data)?;
     all.work.begins(work::ONSET);
-    let onset = onset::onset(&all);
-    let decays = all.from(onset);
+    let decays = all.from(onset::onset(&all));
     let selected = selection::select(&decays);
     let sum = |y: &[f64]| y.iter().map(|v| v * v).sum::<f64>();
     // an offset may be the larger part of the signals: the ring is judged by the movement that it explains
@@ -138,7 +137,7 @@ pub fn critique(data: &Observations) -> Result<Outcome, CritiqueError> {
     decays.work.begins(work::GAIN);
     let (mut causes, mut remarks) = words::causes(&selected);
     let (misfit, gain) = gain::measure(&selected);
-    let structure = structure::of(&selected, onset);
+    let structure = structure::of(&selected);
     let mut left = left(&selected, !causes.is_empty());
     let fails = structure.forecast.fails(selected.noise.predictable());
     let verdict = match fails {
@@ -161,7 +160,7 @@ pub fn critique(data: &Observations) -> Result<Outcome, CritiqueError> {
         digits::short(structure.forecast.record_percent),
         digits::short(structure.forecast.control_percent)
     ));
-    if onset > 0 {
+    if decays.skipped > 0 {
         remarks.push(format!(
             "the decay is free from {} s after the first sample on: what comes before is driven, and was left out",
             digits::short(structure.onset_s)

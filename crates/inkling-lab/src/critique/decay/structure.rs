@@ -34,10 +34,10 @@ impl Forecast {
     }
 }
 
-pub fn of(selected: &Selected, onset: usize) -> Structure {
+pub fn of(selected: &Selected) -> Structure {
     Structure {
         modes: modes(selected),
-        onset_s: onset as f64 * selected.fit.decays.dt_s,
+        onset_s: selected.fit.decays.time_s(0),
         forecast: forecast(&selected.fit),
     }
 }

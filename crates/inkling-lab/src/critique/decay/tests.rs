@@ -327,6 +327,7 @@ fn what_is_held_at_first_is_free_from_where_it_is_let_go() {
     assert_eq!(names(&c), ["offset"], "its zero: {}", c.sentence);
     let onset = c.plant.unwrap().onset_s;
     assert!((0.055..0.085).contains(&onset), "{onset}");
+    assert_eq!(c.figures.mean_misfit.x[0], onset);
 }
 
 #[test]
