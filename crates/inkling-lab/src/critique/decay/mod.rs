@@ -31,7 +31,7 @@ mod worth;
 use super::catalogue::InDecays;
 use super::chance::{THRESHOLD, surprise};
 use super::extended::NotExtended;
-use super::finding::{Cause, Critique, NotTestable, Signals, Structure, VERSION, Verdict};
+use super::finding::{Cause, Critique, NotTestable, Signals, VERSION, Verdict};
 use super::observations::Observations;
 use super::outcome::{CritiqueError, Outcome};
 use super::tuned::MOSTLY;
@@ -139,17 +139,15 @@ pub fn critique(data: &Observations) -> Result<Outcome, CritiqueError> {
     let (misfit, gain) = gain::measure(&selected);
     let structure = structure::of(&selected);
     let mut left = left(&selected, !causes.is_empty());
-    let fails = structure.forecast.fails(selected.noise.predictable());
-    let verdict = match fails {
-        true => {
-            causes.clear();
-            remarks.clear();
-            left.significant.insert(0, no_free_decay(&structure));
-            Verdict::Unknown
-        }
-        false => Verdict::of(&mut causes, &left),
-    };
-    if verdict == Verdict::Unknown && !fails && causes.is_empty() && selected.causes.len() == 1 {
+    let why_none = structure::why_no_decay(&selected, &structure);
+    let is_decay = why_none.is_none();
+    if let Some(why) = why_none {
+        causes.clear();
+        remarks.clear();
+        left.significant.insert(0, why);
+    }
+    let verdict = Verdict::of(&mut causes, &left);
+    if verdict == Verdict::Unknown && is_decay && causes.is_empty() && selected.causes.len() == 1 {
         causes.extend(nearest(&selected));
     }
     remarks.extend(not_worth(&causes, &gain));
@@ -211,13 +209,6 @@ pub fn critique(data: &Observations) -> Result<Outcome, CritiqueError> {
         outlier: vec![false; data.len()],
         extended: Err(NotExtended::NoInkChannel),
     })
-}
-
-fn no_free_decay(of: &Structure) -> String {
-    format!(
-        "this is no free decay of so few modes: a forecast of its end misses {} % of the movement",
-        digits::short(of.forecast.record_percent)
-    )
 }
 
 /// Whether the model explains more than chance finds in as much noise. `explained`: share of the decays'

@@ -44,6 +44,8 @@ struct Truth {
     second: (f64, f64),
     /// Coefficient of AR(1) noise.
     rho: f64,
+    /// Whether the sign is lost.
+    rectified: bool,
 }
 
 const PLAIN: Truth = Truth {
@@ -58,6 +60,7 @@ const PLAIN: Truth = Truth {
     offset: 0.0,
     second: (0.0, 0.0),
     rho: 0.0,
+    rectified: false,
 };
 
 /// One decay of a random unit, phase and sampling, with the effects of `truth`.
@@ -98,7 +101,8 @@ fn recorded(truth: &Truth, seed: u64, bursts: i64) -> Observations {
             let second = truth.second.0
                 * (-1.5 * sigma * t).exp()
                 * (truth.second.1 * omega * t + phase2).cos();
-            y.push(amplitude * (x + second + truth.offset + truth.noise * previous));
+            let seen = x + second + truth.offset + truth.noise * previous;
+            y.push(amplitude * if truth.rectified { seen.abs() } else { seen });
             for _ in 0..STEPS {
                 let middle = v + 0.5 * h * (spring(x) + loss(v));
                 x += h * middle;
@@ -127,7 +131,7 @@ fn names(c: &Critique) -> Vec<&str> {
 }
 
 /// Kinds of decays, with the names that they should get.
-const FAMILY: [(&str, Truth, &[&str]); 13] = [
+const FAMILY: [(&str, Truth, &[&str]); 16] = [
     ("plain", PLAIN, &[]),
     ("noisy", Truth { noise: 0.05, swings: 60.0, ..PLAIN }, &[]),
     ("coarse sampling", Truth { per_swing: 5.0, ..PLAIN }, &[]),
@@ -145,6 +149,9 @@ const FAMILY: [(&str, Truth, &[&str]); 13] = [
         Truth { sine: 0.8, drag: 2.0, falls_to: 0.3, ..PLAIN },
         &["cubic_stiffness", "quadratic_drag"],
     ),
+    ("growing", Truth { falls_to: 1.6, ..PLAIN }, &["?"]),
+    ("steady", Truth { falls_to: 1.0, ..PLAIN }, &["?"]),
+    ("rectified", Truth { rectified: true, swings: 40.0, ..PLAIN }, &["?"]),
 ];
 
 /// Rates on seeds 1 to 4 of each kind, which nothing was tuned on.
