@@ -161,7 +161,7 @@ const FAMILY: [(&str, Truth, &[&str]); 18] = [
     ("growing", Truth { falls_to: 1.6, ..PLAIN }, &["?"]),
     ("steady", Truth { falls_to: 1.0, ..PLAIN }, &["?"]),
     ("clipped", Truth { rail: 0.5, ..PLAIN }, &["?"]),
-    ("rectified", Truth { rectified: true, swings: 40.0, ..PLAIN }, &["?"]),
+    ("rectified", Truth { rectified: true, swings: 40.0, noise: 0.002, ..PLAIN }, &["?"]),
 ];
 
 /// Rates on seeds 1 to 4 of each kind, which nothing was tuned on.
