@@ -28,7 +28,8 @@ use inkling_lab::critique::finding::{
     Compared, Critique, Evidence, Gain, GainFigures, HeldOut, Verdict,
 };
 use inkling_lab::critique::work::{self, Now, Work};
-use inkling_lab::critique::{decay, digits, report};
+use inkling_lab::critique::{decay, report};
+use inkling_lab::plot::digits;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;

@@ -9,7 +9,7 @@ use crate::settings::IdentifySettings;
 use inkling_core::model::median::median;
 use inkling_core::numbers::LITTLE;
 use inkling_core::state::{Features, Head, OtherChannel};
-use inkling_lab::critique::digits::significant;
+use inkling_lab::plot::digits::significant;
 use serde::Serialize;
 use std::sync::Arc;
 

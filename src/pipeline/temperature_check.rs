@@ -10,7 +10,7 @@ use super::groups::of_printhead;
 use inkling_core::burst::Burst;
 use inkling_core::design::Judge;
 use inkling_core::numbers::LITTLE;
-use inkling_lab::critique::digits::significant;
+use inkling_lab::plot::digits::significant;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 

@@ -3,10 +3,11 @@
 //! In: a `Figure` (title, axes, series, thresholds). Out: with `write` an SVG and the data as CSV under
 //! one name; with `svg` an SVG document for a page.
 //!
-//! Beside figures there are [`raster`], pictures made of cells, and [`page`], the page that figures
-//! stand on.
+//! Beside figures there are [`raster`], pictures made of cells, [`digits`], numbers for readers, and
+//! [`page`], the page that figures stand on.
 
 mod axis;
+pub mod digits;
 pub mod page;
 pub mod raster;
 

@@ -34,7 +34,9 @@ mod ring_gram;
 mod ring_grid;
 pub mod row_layout;
 pub mod simd_math;
+pub mod spectrum;
 pub mod student;
+pub mod waves;
 
 pub use actuation::{Actuation, Waveform};
 pub use geometry::Geometry;

@@ -58,6 +58,7 @@ pub fn check(selected: &Selected, artefacts: &Artefacts, setting: Setting) -> Ad
         significant: significant.into_iter().map(|(what, _)| what).collect(),
         share: largest / (largest + explained).max(1e-300),
         share_allowed: share_allowed(selected, artefacts),
+        noted: Vec::new(),
     };
     Adequacy { unexplained, mentioned }
 }

@@ -20,11 +20,11 @@ use super::chance::{THRESHOLD, maximum};
 use super::model::{Model, PATTERNS, powers};
 use super::observations::Observations;
 use super::tuned::{LINE_BOUND, STANDS_OUT};
-use super::waves::waves;
 use inkling_core::model::free_decay::FREE;
 use inkling_core::model::inner_product::dot;
 use inkling_core::model::median::median_of;
 use inkling_core::model::normal::ln_upper_tail;
+use inkling_core::model::waves::waves;
 use nalgebra::DMatrix;
 use std::f64::consts::{PI, TAU};
 

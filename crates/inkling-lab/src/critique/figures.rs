@@ -12,8 +12,8 @@ use super::finding::{Compared, CovariateFigure, Curve, Figures};
 use super::matrices::{Matrix5, Vector5, inverse_or_zero};
 use super::model::{Linear, Model, free_products};
 use super::observations::Observations;
-use super::waves::power_at;
 use inkling_core::model::free_decay::Theta;
+use inkling_core::model::waves::power_at;
 use std::f64::consts::TAU;
 
 const PARAMETERS: [&str; 3] = ["amplitude", "damping", "frequency"];

@@ -4,8 +4,8 @@
 //! marked `skip` (`schemas/critique.md`); evidence and figures go to tables of their own and to the report.
 
 use super::catalogue::{CATALOGUE, CauseId, Entry};
-use super::digits;
 use super::objection::{Objection, WhyNot};
+use crate::plot::digits;
 pub use crate::score::blind::Verdict;
 use serde::Serialize;
 use std::collections::BTreeMap;

@@ -3,8 +3,8 @@
 //! In: the [`Figures`] of a critique. Out: SVG markup with headings. Each title is a
 //! sentence that says what the figure shows, computed from its numbers. A figure without numbers is left out.
 
-use super::digits::{short, significant};
 use super::finding::{Compared, CovariateFigure, Curve, Figures};
+use crate::plot::digits::{short, significant};
 use crate::plot::{Axis, Figure, Mark, SIZE, Series, page, unit_of_time};
 
 /// Number of figures against covariates that are visible at once; others are folded away.

@@ -4,12 +4,12 @@
 //! it loads nothing and runs nothing. Every text that may come from outside is escaped, since names in a
 //! recording may be anything. The page must never compute a finding of its own.
 
-use super::digits::{chance, measured, short, significant};
 use super::finding::{
     ALARMS, Cause, Critique, Detection, Evidence, FAULT, Gain, GainFigures, HeldOut, Mode,
     NotTestable, Verdict,
 };
 use super::pictures;
+use crate::plot::digits::{chance, measured, short, significant};
 use crate::plot::page::{escaped, list, note, page, section, sentence, table};
 
 /// Explains the columns of the causes' table. The counts of recordings are those of `docs/design/measured.md`.

@@ -11,10 +11,10 @@
 use super::matrices::{Matrix5, Vector5};
 use super::model::{Additions, LAMBDA_OVER_SIGMA, Linear, Model, free_products};
 use super::observations::Observations;
-use super::waves::power_at;
 use inkling_core::model::free_decay::{FREE, Theta};
 use inkling_core::model::inner_product::dot;
 use inkling_core::model::median::median_of;
+use inkling_core::model::waves::power_at;
 use inkling_core::numbers::LITTLE;
 use nalgebra::{DMatrix, DVector, Matrix3};
 

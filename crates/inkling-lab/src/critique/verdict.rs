@@ -12,6 +12,8 @@ use super::words::capital;
 pub struct Unexplained {
     /// What is significant in the misfit that is left, in words; the verdict's sentence tells the first.
     pub significant: Vec<String>,
+    /// What asks for no cause, but must be said; the sentence of `None` does.
+    pub noted: Vec<String>,
     /// The misfit that is left, as a share of all misfit; and the largest share with which causes keep their
     /// names.
     pub share: f64,
@@ -45,8 +47,11 @@ impl Verdict {
     /// What the report begins with. `detection` is told with verdict `Named`.
     pub fn sentence(self, causes: &[Cause], left: &Unexplained, detection: Detection) -> String {
         match self {
-            Verdict::None => {
+            Verdict::None if left.noted.is_empty() => {
                 "The model explains these signals: nothing in them asks for more.".into()
+            }
+            Verdict::None => {
+                format!("The model explains these signals, but {}.", left.noted.join("; and "))
             }
             Verdict::Unknown => {
                 let what = left.significant.first().map_or("a misfit", String::as_str);
@@ -127,6 +132,9 @@ mod tests {
         let little = Unexplained { share: 0.01, ..much.clone() };
         let one = || vec![cause(Tone, &[])];
         assert_eq!(judged(vec![], &nothing).0, Verdict::None);
+        let noted = Unexplained { noted: vec!["x".into()], ..nothing.clone() };
+        let said = Verdict::None.sentence(&[], &noted, Detection::NotMeasured);
+        assert_eq!(said, "The model explains these signals, but x.");
         assert_eq!(judged(vec![], &much).0, Verdict::Unknown);
         assert_eq!(judged(one(), &little).0, Verdict::Named);
         let (verdict, causes) = judged(one(), &much);

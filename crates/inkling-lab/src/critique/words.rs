@@ -1,8 +1,8 @@
 //! A critique in words: a sentence for each cause, remarks, and the extended equation, as plain text.
 
 use super::catalogue::{CauseId, experiment};
-use super::digits;
 use super::finding::{Cause, Gain};
+use crate::plot::digits;
 
 /// One sentence, without capital letter and full stop. `words`: the catalogue's description.
 pub fn cause_sentence(cause: &Cause, words: &str) -> String {

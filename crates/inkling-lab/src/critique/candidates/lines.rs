@@ -15,8 +15,8 @@ use crate::critique::objection::Objection;
 use crate::critique::space::Direction;
 use crate::critique::tuned::{LEAST_MODE, MENISCUS, OTHER_LOSS, SHOWS_ITS_LOSS, SPLIT, TIE};
 use crate::critique::unmodelled::Interior;
-use crate::critique::waves::{swing, waves};
 use inkling_core::model::InkChannel;
+use inkling_core::model::waves::{swing, waves};
 use inkling_core::numbers::LITTLE;
 use std::f64::consts::{PI, TAU};
 

@@ -13,7 +13,7 @@ use crate::critique::catalogue::{CauseId, RIVALS};
 use crate::critique::chance::{maximum, width};
 use crate::critique::space::Direction;
 use crate::critique::unmodelled::{ObservedDecay, lagging};
-use crate::critique::waves::waves;
+use inkling_core::model::waves::waves;
 use nalgebra::Complex;
 use std::f64::consts::{PI, TAU};
 

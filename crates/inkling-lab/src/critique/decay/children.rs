@@ -11,9 +11,9 @@ use super::decays::Decays;
 use super::noise::{Noise, sizes};
 use super::objections::{lowest_line, objection};
 use super::plant::{Fit, OMEGA, SIGMA};
-use super::spectrum;
 use super::terms::{Line, Term};
 use super::unnamed::second_numbers;
+use inkling_core::model::spectrum;
 use std::f64::consts::TAU;
 
 /// The form of a candidate for decays.

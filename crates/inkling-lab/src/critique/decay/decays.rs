@@ -24,6 +24,8 @@ pub struct Decays {
     pub bursts: usize,
     pub outputs: usize,
     pub samples: usize,
+    /// How many samples of the record come before the first one that is looked at.
+    pub skipped: usize,
     /// The scaled samples: bursts x outputs x samples.
     pub y: Vec<f64>,
     pub channels: Vec<u32>,
@@ -88,6 +90,7 @@ impl Decays {
         }
         Ok(Decays {
             dt_s: data.dt_s,
+            skipped: 0,
             bursts: most,
             outputs: order.len(),
             samples: n,
@@ -104,7 +107,13 @@ impl Decays {
     pub fn from(&self, skipped: usize) -> Decays {
         let y =
             self.y.chunks(self.samples).flat_map(|series| &series[skipped..]).copied().collect();
-        Decays { samples: self.samples - skipped, y, ..self.clone() }
+        let samples = self.samples - skipped;
+        Decays { samples, skipped: self.skipped + skipped, y, ..self.clone() }
+    }
+
+    /// Time since the record's begin of a sample, counted as in `y`.
+    pub fn time_s(&self, sample: usize) -> f64 {
+        (self.skipped + sample % self.samples) as f64 * self.dt_s
     }
 
     /// Values (ordered as `y`), less the mean of each series.

@@ -1,5 +1,5 @@
 //! Measures what the extension buys on stretches of the decays that nothing was fitted to, tests
-//! what is left for whiteness and evenness, and computes the report's figures.
+//! what is left for whiteness, and computes the report's figures.
 //!
 //! In, from `decay/mod.rs`: [`Selected`], the baseline (plain oscillation) and the extended model.
 //! Out: [`Misfit`], [`Gain`] and [`Figures`], as of an ink channel. Every third of some twenty
@@ -8,20 +8,18 @@
 //! not measured: a single oscillator has no fault classes.
 
 use super::decays::Decays;
-use super::noise::{Colour, sizes};
+use super::noise::sizes;
 use super::plant::{Fit, OMEGA, SIGMA};
 use super::selection::Selected;
 use super::stretches::Stretches;
-use super::{spectrum, worth};
-use crate::critique::chance::{ONCE_IN_100, surprise_of_count, without_a_name};
+use super::worth;
 use crate::critique::figures::{BINS, band_of_means, in_bins};
 use crate::critique::finding::{
     Compared, CovariateFigure, Curve, Figures, Gain, GainFigures, HeldOut, Misfit,
 };
 use crate::critique::gain::Squares;
 use crate::critique::whiteness::{Lags, whiteness_p};
-use inkling_core::model::inner_product::dot;
-use inkling_core::model::median::median;
+use inkling_core::model::spectrum;
 use nalgebra::{Complex, DMatrix};
 use std::f64::consts::TAU;
 use std::ops::Range;
@@ -37,36 +35,6 @@ pub fn whiteness(misfit: &[f64], decays: &Decays, ranges: &[Range<usize>]) -> f6
     let of = |series: &[f64]| whole.clone().map(|range| lags(&series[range.clone()])).collect();
     let all: Vec<Vec<Lags>> = misfit.chunks(decays.samples).map(of).collect();
     whiteness_p(all.iter().flatten())
-}
-
-const PARTS: usize = 32;
-
-/// Where what is left lies, if it is not spread evenly: the first sample of that part of a series
-/// (one of `PARTS`) in which, beyond what the samples before predict, more samples are large than
-/// chance puts there. The prediction is learned from the quieter half of all parts, else it would
-/// know the loud parts, too. `None`: chance explains every part.
-pub fn uneven(misfit: &[f64], decays: &Decays) -> Option<usize> {
-    let length = decays.samples.div_ceil(PARTS);
-    let power = |y: &[f64]| y.iter().map(|v| v * v).sum::<f64>() / y.len() as f64;
-
-    let mut white = misfit.to_vec();
-    for output in 0..decays.outputs {
-        let parts = || decays.of_output(misfit, output).flat_map(|series| series.chunks(length));
-        let typical = median(&mut parts().map(power).collect::<Vec<f64>>());
-        let quiet: Vec<&[f64]> = parts().filter(|y| power(y) <= typical).collect();
-        let colour = Colour::of(&quiet, 0.0);
-        let of_output = white.chunks_mut(decays.samples).skip(output).step_by(decays.outputs);
-        of_output.for_each(|series| colour.whiten(series));
-    }
-
-    let large = |y: &[f64]| y.iter().filter(|w| w.abs() > ONCE_IN_100).count() as f64;
-    let share = large(&white) / white.len() as f64;
-    let parts = white.chunks(decays.samples).flat_map(|series| series.chunks(length).enumerate());
-    let surprises =
-        parts.map(|(part, y)| (part * length, surprise_of_count(large(y), share * y.len() as f64)));
-    let (at, most) = surprises.max_by(|(_, p), (_, q)| p.total_cmp(q))?;
-    let looks = (white.len() / length) as f64;
-    (most > without_a_name(looks)).then_some(at)
 }
 
 /// Sums of squares over the samples of each range, of one series after the other. `sds`: standard deviation of each
@@ -111,14 +79,12 @@ pub fn measure(selected: &Selected) -> (Misfit, Gain) {
     let [plain, extended] = refitted.each_ref().map(Fit::misfit);
 
     // each output's noise is what the extended model leaves where it was fitted
-    let kept: Vec<f64> = (0..decays.outputs)
-        .map(|output| {
-            let series = decays.of_output(&extended, output);
-            let fitted = series.flat_map(|y| stretches.fitted.iter().map(move |of| &y[of.clone()]));
-            let left: Vec<f64> = fitted.flatten().copied().collect();
-            (dot(&left, &left) / left.len().max(1) as f64).sqrt().max(1e-12)
-        })
-        .collect();
+    let fitted = squares(decays, &extended, &vec![1.0; decays.outputs], &stretches.fitted);
+    let kept = |output| {
+        let all: Squares = fitted.iter().skip(output).step_by(decays.outputs).copied().sum();
+        (all.misfit / all.samples.max(1.0)).sqrt().max(1e-12)
+    };
+    let kept: Vec<f64> = (0..decays.outputs).map(kept).collect();
     let held: usize = stretches.held_out.iter().map(Range::len).sum();
     let gain = Gain {
         before: figures(decays, &plain, &kept),
@@ -160,7 +126,7 @@ pub fn draw(selected: &Selected) -> Figures {
         Curve::about(mean, std::iter::repeat_n(half, n))
     };
     let mean_misfit = Compared {
-        x: (0..n).map(|k| k as f64 * decays.dt_s).collect(),
+        x: (0..n).map(|k| decays.time_s(k)).collect(),
         before: mean(&before),
         after: mean(&after),
     };

@@ -13,13 +13,13 @@ mod decays;
 mod elimination;
 mod fit;
 mod gain;
+mod lost;
 mod motion;
 mod noise;
 mod objections;
 mod onset;
 mod plant;
 mod selection;
-mod spectrum;
 mod stretches;
 mod structure;
 mod terms;
@@ -31,20 +31,23 @@ mod worth;
 
 use super::catalogue::InDecays;
 use super::chance::{THRESHOLD, surprise};
-use super::digits;
 use super::extended::NotExtended;
-use super::finding::{Cause, Critique, NotTestable, Signals, Structure, VERSION, Verdict};
+use super::finding::{Cause, Critique, GainFigures, NotTestable, Signals, VERSION, Verdict};
 use super::observations::Observations;
 use super::outcome::{CritiqueError, Outcome};
 use super::tuned::MOSTLY;
 use super::verdict::Unexplained;
 use super::words::{not_worth, ties};
 use super::work;
+use crate::plot::digits;
 use children::misfit_power;
 use decays::Decays;
+use inkling_core::model::spectrum;
+use inkling_core::numbers::FEW;
 use noise::{ROUNDED, sizes};
 use plant::Fit;
 use selection::Selected;
+use std::collections::BTreeMap;
 use std::f64::consts::TAU;
 
 pub use decays::MOST_SAMPLES;
@@ -56,12 +59,12 @@ pub use decays::MOST_SAMPLES;
 /// part of the plain oscillation's misfit, each summed over outputs. Significant is: a rival in the model
 /// where nothing has a name; a misfit that is not white, if something has a name or more than half of some
 /// output's misfit is predictable; and, where nothing has a name, a misfit that is spread unevenly.
-fn left(selected: &Selected, named: bool) -> Unexplained {
+fn left(selected: &Selected, named: bool, gain: &GainFigures) -> Unexplained {
     let decays = selected.fit.decays;
     let misfit = selected.fit.misfit();
     let (before, after) = (selected.baseline.sizes(), sizes(&misfit, decays));
     if after.iter().all(|size| *size <= ROUNDED) {
-        return Unexplained { significant: Vec::new(), share: 0.0, share_allowed: 1.0 };
+        return Unexplained { share_allowed: 1.0, ..Default::default() };
     }
 
     // In squares of what is left of each output: `floor` is the part that nothing predicts; `missed` and
@@ -78,20 +81,30 @@ fn left(selected: &Selected, named: bool) -> Unexplained {
     if let Some(like) = selected.strongest_rival().filter(|_| !named) {
         significant.push(format!("something like {}", like.form.term.words()));
     }
+    let mut noted = Vec::new();
     let p = gain::whiteness(&misfit, decays, std::slice::from_ref(&(0..decays.samples)));
-    if p < 1e-4 && (named || predictable > MOSTLY) {
-        significant.push(not_white(p, predictable, &misfit, decays));
+    let p = p.min(if named { 1.0 } else { gain.whiteness_p });
+    if p < 1e-4 {
+        let is_model = named || predictable > MOSTLY;
+        let to = if is_model { &mut significant } else { &mut noted };
+        to.push(not_white(p, predictable, &misfit, decays));
     }
-    if let Some(at) = gain::uneven(&misfit, decays).filter(|_| !named) {
-        let at = digits::short(at as f64 * decays.dt_s);
+    if let Some(at) = lost::uneven(&misfit, decays).filter(|_| !named) {
+        let at = digits::short(decays.time_s(at));
         significant.push(format!(
             "the misfit that is left is not spread evenly: much of it lies about {at} s"
         ));
     }
-
+    if let Some([low, high]) = gain.chi2_per_dof_interval.filter(|_| !named)
+        && (low > 2.0 || high < 0.5)
+    {
+        let times = digits::short(gain.chi2_per_dof);
+        noted.push(format!("held-out parts have {times} times the misfit's square of the others"));
+    }
     // misfit that may be the noise's own colour takes no name away
     let share_allowed = if predictable > MOSTLY { MOSTLY } else { 1.0 };
-    Unexplained { significant, share: (rest / missed.max(1e-12)).min(1.0), share_allowed }
+    let share = (rest / missed.max(1e-12)).min(1.0);
+    Unexplained { significant, noted, share, share_allowed }
 }
 
 /// The remark on a misfit that is not white. `p`: probability by chance; `predictable`: share of the misfit.
@@ -119,51 +132,95 @@ fn unexplained(selected: &Selected, left: &Unexplained) -> Vec<String> {
     left.remarks().into_iter().chain(unnamed).collect()
 }
 
-/// Criticises the model of decays. Error: nothing rings, or the bursts are no decays of one system.
+/// Criticises the model of decays, and twice more with what the model simulates in the place of single samples far off
+/// it. Error: nothing rings, or the bursts are no decays of one system.
 pub fn critique(data: &Observations) -> Result<Outcome, CritiqueError> {
-    let all = Decays::of(data)?;
-    all.work.begins(work::ONSET);
-    let onset = onset::onset(&all);
-    let decays = all.from(onset);
-    let selected = selection::select(&decays);
+    let mut all = Decays::of(data)?;
+    let clipped = lost::clipped(&all);
+    let mut strays = BTreeMap::new();
+    for last in [false, false, true] {
+        all.work.begins(work::ONSET);
+        let decays = all.from(onset::onset(&all));
+        let selected = selection::select(&decays);
+        let (misfit, known) = (selected.fit.misfit(), strays.len());
+        for (i, far) in lost::strays(&selected.fit) {
+            let place = i + (i / decays.samples + 1) * decays.skipped;
+            strays.entry(place).or_insert(far);
+            all.y[place] -= misfit[i];
+        }
+        if strays.len() == known || last {
+            let clips = clipped.iter().any(|i| i % all.samples >= decays.skipped);
+            let lost = lost_in_words(&all, clipped.len(), &strays);
+            return judged(data, &selected, (lost, clips));
+        }
+    }
+    unreachable!("the last round returns")
+}
+
+/// What is said of samples that are clipped; then of stray ones, each with how far off it is.
+fn lost_in_words(all: &Decays, clipped: usize, strays: &BTreeMap<usize, f64>) -> Vec<String> {
+    let clips = format!("{clipped} samples stand at the largest or smallest value: clipping");
+    let times = strays.keys().take(FEW).map(|i| digits::short(all.time_s(*i)));
+    let far = format!(
+        "samples far off ({}, by up to {} standard deviations, at t = {}{} s) do not count",
+        strays.len(),
+        digits::short(strays.values().copied().fold(0.0, f64::max)),
+        times.collect::<Vec<String>>().join(", "),
+        if strays.len() > FEW { " ..." } else { "" }
+    );
+    let said = [(clipped, clips), (strays.len(), far)].into_iter();
+    said.filter(|(count, _)| *count > 0).map(|(_, words)| words).collect()
+}
+
+/// `lost`: what is said of samples that count for nothing; `clips`: the first of it is of samples that were fitted.
+fn judged(
+    data: &Observations,
+    selected: &Selected,
+    (mut lost, clips): (Vec<String>, bool),
+) -> Result<Outcome, CritiqueError> {
+    let decays = selected.fit.decays;
     let sum = |y: &[f64]| y.iter().map(|v| v * v).sum::<f64>();
     // an offset may be the larger part of the signals: the ring is judged by the movement that it explains
     let explained = 1.0 - sum(&selected.fit.misfit()) / sum(&decays.y);
     // a sound of many partials follows from the samples before, though a single one explains little of it
-    let sounds = || Fit::zero(&decays).noise().predictable() > MOSTLY;
-    if explained.is_nan() || !rings(&selected, explained) && !sounds() {
+    let sounds = || Fit::zero(decays).noise().predictable() > MOSTLY;
+    if explained.is_nan() || !rings(selected, explained) && !sounds() {
         return Err(CritiqueError::NoRing);
     }
 
     decays.work.begins(work::GAIN);
-    let (mut causes, mut remarks) = words::causes(&selected);
-    let (misfit, gain) = gain::measure(&selected);
-    let structure = structure::of(&selected, onset);
-    let mut left = left(&selected, !causes.is_empty());
-    let fails = structure.forecast.fails(selected.noise.predictable());
-    let verdict = match fails {
-        true => {
-            causes.clear();
-            remarks.clear();
-            left.significant.insert(0, no_free_decay(&structure));
-            Verdict::Unknown
-        }
-        false => Verdict::of(&mut causes, &left),
+    let (mut causes, mut remarks) = words::causes(selected);
+    let (misfit, gain) = gain::measure(selected);
+    let structure = structure::of(selected);
+    let mut left = left(selected, !causes.is_empty(), &gain.after);
+    let why_none = match clips {
+        true => Some(lost.remove(0)),
+        false => structure::why_no_decay(selected, &structure),
     };
-    if verdict == Verdict::Unknown && !fails && causes.is_empty() && selected.causes.len() == 1 {
-        causes.extend(nearest(&selected));
+    let is_decay = why_none.is_none();
+    if let Some(why) = why_none {
+        causes.clear();
+        remarks.clear();
+        left.significant.insert(0, why);
+    }
+    left.noted.splice(0..0, lost);
+    let verdict = Verdict::of(&mut causes, &left);
+    if verdict == Verdict::Unknown && is_decay && causes.is_empty() && selected.causes.len() == 1 {
+        causes.extend(nearest(selected));
     }
     remarks.extend(not_worth(&causes, &gain));
-    remarks.extend(unexplained(&selected, &left));
+    // the sentence of `None` tells it
+    remarks.extend(left.noted.iter().filter(|_| verdict != Verdict::None).cloned());
+    remarks.extend(unexplained(selected, &left));
     remarks.extend(ties(&causes));
     remarks.push(format!(
         "a forecast of the last 40 % of the record misses {} % of the movement, and {} % where the fitted model with noise is forecast",
         digits::short(structure.forecast.record_percent),
         digits::short(structure.forecast.control_percent)
     ));
-    if onset > 0 {
+    if decays.skipped > 0 {
         remarks.push(format!(
-            "the decay is free from {} s after the first sample on: what comes before is driven, and was left out",
+            "the decay is free from {} s after the first sample on: what comes before is driven or clipped, and was left out",
             digits::short(structure.onset_s)
         ));
     }
@@ -186,7 +243,7 @@ pub fn critique(data: &Observations) -> Result<Outcome, CritiqueError> {
         version: VERSION,
         verdict,
         sentence: verdict.sentence(&causes, &left, gain.detection()),
-        equation: words::equation(&selected),
+        equation: words::equation(selected),
         causes,
         not_testable: NotTestable::all(|e| match e.in_decays {
             InDecays::Fitted(_) => None,
@@ -204,21 +261,14 @@ pub fn critique(data: &Observations) -> Result<Outcome, CritiqueError> {
             channels: decays.outputs,
             rejected: 0,
         },
-        figures: gain::draw(&selected),
-        evidence: selected.evidence,
+        figures: gain::draw(selected),
+        evidence: selected.evidence.clone(),
     };
     Ok(Outcome {
         critique,
         outlier: vec![false; data.len()],
         extended: Err(NotExtended::NoInkChannel),
     })
-}
-
-fn no_free_decay(of: &Structure) -> String {
-    format!(
-        "this is no free decay of so few modes: a forecast of its end misses {} % of the movement",
-        digits::short(of.forecast.record_percent)
-    )
 }
 
 /// Whether the model explains more than chance finds in as much noise. `explained`: share of the decays'

@@ -14,7 +14,7 @@
 //! and the body stays at rest where the spring is weaker than the friction.
 
 use super::unnamed::{RATES, SENSORS, SPRINGS, Strengths};
-use crate::critique::waves::swing;
+use inkling_core::model::waves::swing;
 use nalgebra::{Matrix2, Vector2};
 
 /// Largest step, in radians of the oscillation, where something is nonlinear.

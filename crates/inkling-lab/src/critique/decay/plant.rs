@@ -12,7 +12,7 @@
 use super::decays::Decays;
 use super::motion::Motion;
 use super::terms::{Line, Term};
-use crate::critique::waves::waves;
+use inkling_core::model::waves::waves;
 
 /// Indices of the oscillator's own numbers: damping and undamped frequency (per sample), then x and
 /// x'/omega of each burst's first sample, then the shares of displacement and velocity of every

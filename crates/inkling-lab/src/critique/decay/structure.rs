@@ -7,39 +7,97 @@
 
 use super::decays::Decays;
 use super::noise::{Noise, sizes};
+use super::objections::lowest_line;
 use super::plant::{Fit, OMEGA, SIGMA};
 use super::selection::Selected;
 use super::terms::{Line, Term};
+use crate::critique::chance::without_a_name;
 use crate::critique::finding::{Forecast, Mode, Structure};
 use crate::critique::tuned::{FORESEEN, MOSTLY};
+use crate::plot::digits::{measured, short};
+use inkling_core::numbers::LITTLE;
 use inkling_core::side_by_side::{cores, side_by_side};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use std::f64::consts::TAU;
+use std::collections::BTreeSet;
+use std::f64::consts::{PI, TAU};
 
 /// Cuts of the record's beginning, each by another one of so many parts of the record.
 const CUTS: usize = 6;
 const PARTS: usize = 30;
 
+/// Largest multiple of a frequency that is looked for.
+const MULTIPLES: i32 = 24;
+
 /// Share of the record that is not foreseen.
 const KNOWN: f64 = 0.6;
 
-impl Forecast {
-    /// Whether the record is no free decay of so few modes: foreseen badly, where it could be foreseen. Where most
-    /// of the misfit follows from the samples before (`predictable`: its share), it is the model's own error, and
-    /// the control, which takes all of it for noise, says nothing.
-    pub fn fails(&self, predictable: f64) -> bool {
-        let could_be = self.control_percent < 0.5 * self.record_percent || predictable > MOSTLY;
-        self.record_percent > 100.0 * FORESEEN && could_be
+pub fn of(selected: &Selected) -> Structure {
+    Structure {
+        modes: modes(selected),
+        onset_s: selected.fit.decays.time_s(0),
+        forecast: forecast(&selected.fit),
     }
 }
 
-pub fn of(selected: &Selected, onset: usize) -> Structure {
-    Structure {
-        modes: modes(selected),
-        onset_s: onset as f64 * selected.fit.decays.dt_s,
-        forecast: forecast(&selected.fit),
-    }
+/// Why this is no free decay of few modes, in words: it is foreseen badly, where it could be foreseen; it grows; or
+/// its lines are those of one wave. Where most of the misfit follows from the samples before, it is the model's own
+/// error, and the control, which takes all of it for noise, says nothing.
+pub fn why_no_decay(selected: &Selected, structure: &Structure) -> Option<String> {
+    let Forecast { record_percent, control_percent } = structure.forecast;
+    let could_be = control_percent < 0.5 * record_percent || selected.noise.predictable() > MOSTLY;
+    let missed = short(record_percent);
+    let fails = (record_percent > 100.0 * FORESEEN && could_be).then(|| {
+        format!("this is no free decay of so few modes: a forecast of its end misses {missed} % of the movement")
+    });
+    fails.or_else(|| grows(selected)).or_else(|| multiples(&selected.fit))
+}
+
+/// What is said where neither the ring nor a mode decays: none falls with certainty, and each by less than a tenth.
+fn grows(selected: &Selected) -> Option<String> {
+    let Selected { fit, covariance, .. } = selected;
+    let is_bent = |term: &Term| matches!(term, Term::Drag | Term::Friction | Term::Unnamed(_));
+    // ln of the amplitude at the end over that at the beginning, and its standard deviation
+    let growth = |at: usize| {
+        [-fit.p[at], covariance[(at, at)].max(0.0).sqrt()].map(|x| x * fit.decays.samples as f64)
+    };
+    let modes = fit.placed().filter(|(term, _)| *term == Term::Line(Line::Mode)).map(|(_, at)| at);
+    let stays = |[grown, sd]: [f64; 2]| grown + 3.0 * sd >= 0.0 && grown - 3.0 * sd > -LITTLE;
+    let no_decay = !fit.terms.iter().any(is_bent) && modes.chain([SIGMA]).map(growth).all(stays);
+    no_decay.then(|| {
+        let [grown, sd] = growth(SIGMA);
+        let interval = [grown - 1.96 * sd, grown + 1.96 * sd].map(f64::exp);
+        format!(
+            "this does not decay: at the end, what rings at {} Hz has {} times its first amplitude",
+            short(fit.p[OMEGA] / (TAU * fit.decays.dt_s)),
+            measured(grown.exp(), interval, "")
+        )
+    })
+}
+
+/// What is said where all lines are whole multiples of one, three different ones at least, nearer than chance puts
+/// them. Multiples may lie above half the sampling rate, where they are seen at their mirror image.
+fn multiples(fit: &Fit) -> Option<String> {
+    let tones = fit.placed().filter(|(term, _)| *term == Term::Line(Line::Tone));
+    let tones = tones.map(|(_, at)| fit.p[at]);
+    let all: Vec<f64> = poles(fit).iter().map(|(pole, _)| pole[1]).chain(tones).collect();
+    let seen = |omega: f64| omega.rem_euclid(TAU).min(TAU - omega.rem_euclid(TAU));
+    let surprise = |first: &&f64| {
+        let nearest = |omega: &f64| {
+            let off = |k: &i32| (seen(f64::from(*k) * **first) - seen(*omega)).abs();
+            let k = (0..=MULTIPLES).min_by(|p, q| off(p).total_cmp(&off(q))).unwrap_or(0);
+            (k, off(&k))
+        };
+        let (times, off): (BTreeSet<i32>, Vec<f64>) = all.iter().map(nearest).unzip();
+        let farthest = off.into_iter().fold(0.0, f64::max);
+        let share = 2.0 * farthest * (1.0 / **first).max(f64::from(MULTIPLES) / PI);
+        if times.range(2..).count() < 3 { 0.0 } else { (1.0 - all.len() as f64) * share.ln() }
+    };
+    let swings = all.iter().filter(|omega| **omega > lowest_line(fit.decays));
+    let first = swings.max_by(|p, q| surprise(p).total_cmp(&surprise(q)))?;
+    let hertz = short(first / (TAU * fit.decays.dt_s));
+    let is_sure = surprise(&first) > without_a_name(all.len() as f64);
+    is_sure.then(|| format!("lines at multiples of {hertz} Hz: it is rectified, or not linear"))
 }
 
 /// Damping and damped frequency of the ring and of all modes, per sample, each with the index of the number

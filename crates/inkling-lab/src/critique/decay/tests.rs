@@ -44,6 +44,12 @@ struct Truth {
     second: (f64, f64),
     /// Coefficient of AR(1) noise.
     rho: f64,
+    /// One of so many samples is a spike of 1; 0: none.
+    spikes: usize,
+    /// The largest value that is shown, relative to the first amplitude.
+    rail: f64,
+    /// Whether the sign is lost.
+    rectified: bool,
 }
 
 const PLAIN: Truth = Truth {
@@ -58,6 +64,9 @@ const PLAIN: Truth = Truth {
     offset: 0.0,
     second: (0.0, 0.0),
     rho: 0.0,
+    spikes: 0,
+    rail: f64::INFINITY,
+    rectified: false,
 };
 
 /// One decay of a random unit, phase and sampling, with the effects of `truth`.
@@ -98,7 +107,10 @@ fn recorded(truth: &Truth, seed: u64, bursts: i64) -> Observations {
             let second = truth.second.0
                 * (-1.5 * sigma * t).exp()
                 * (truth.second.1 * omega * t + phase2).cos();
-            y.push(amplitude * (x + second + truth.offset + truth.noise * previous));
+            let spike = truth.spikes > 0 && rng.random_range(0..truth.spikes) == 0;
+            let seen = x + second + truth.offset + truth.noise * previous + f64::from(spike);
+            let seen = if truth.rectified { seen.abs() } else { seen };
+            y.push(amplitude * seen.clamp(-truth.rail, truth.rail));
             for _ in 0..STEPS {
                 let middle = v + 0.5 * h * (spring(x) + loss(v));
                 x += h * middle;
@@ -127,7 +139,7 @@ fn names(c: &Critique) -> Vec<&str> {
 }
 
 /// Kinds of decays, with the names that they should get.
-const FAMILY: [(&str, Truth, &[&str]); 13] = [
+const FAMILY: [(&str, Truth, &[&str]); 18] = [
     ("plain", PLAIN, &[]),
     ("noisy", Truth { noise: 0.05, swings: 60.0, ..PLAIN }, &[]),
     ("coarse sampling", Truth { per_swing: 5.0, ..PLAIN }, &[]),
@@ -145,6 +157,11 @@ const FAMILY: [(&str, Truth, &[&str]); 13] = [
         Truth { sine: 0.8, drag: 2.0, falls_to: 0.3, ..PLAIN },
         &["cubic_stiffness", "quadratic_drag"],
     ),
+    ("spikes", Truth { spikes: 100, ..PLAIN }, &[]),
+    ("growing", Truth { falls_to: 1.6, ..PLAIN }, &["?"]),
+    ("steady", Truth { falls_to: 1.0, ..PLAIN }, &["?"]),
+    ("clipped", Truth { rail: 0.5, ..PLAIN }, &["?"]),
+    ("rectified", Truth { rectified: true, swings: 40.0, noise: 0.002, ..PLAIN }, &["?"]),
 ];
 
 /// Rates on seeds 1 to 4 of each kind, which nothing was tuned on.
@@ -327,6 +344,7 @@ fn what_is_held_at_first_is_free_from_where_it_is_let_go() {
     assert_eq!(names(&c), ["offset"], "its zero: {}", c.sentence);
     let onset = c.plant.unwrap().onset_s;
     assert!((0.055..0.085).contains(&onset), "{onset}");
+    assert_eq!(c.figures.mean_misfit.x[0], onset);
 }
 
 #[test]

@@ -1,5 +1,4 @@
-//! Spectrum of the decays or of a fit's misfit, and its highest peaks. Series have one length; angular
-//! frequencies are in rad per sample.
+//! Spectrum of series of one length, and its highest peaks; angular frequencies are in rad per sample.
 
 use nalgebra::Complex;
 use std::f64::consts::PI;
