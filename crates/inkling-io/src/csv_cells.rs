@@ -66,7 +66,7 @@ pub(super) fn unquoted(cell: &str) -> &str {
 
 /// Parses a time such as 2026-11-01T08:00:00.5Z, or 1.11.2026 8:00:00.5, to ns since 1970. A blank may stand instead of
 /// the T. `None`: the cell is no such time.
-pub(super) fn date_in(cell: &str) -> Option<i64> {
+fn date_in(cell: &str) -> Option<i64> {
     let cell = unquoted(cell);
     let plain = |format| Some(NaiveDateTime::parse_from_str(cell, format).ok()?.and_utc());
     let zoned = DateTime::parse_from_rfc3339(cell).ok().map(|time| time.to_utc());

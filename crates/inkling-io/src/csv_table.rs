@@ -127,7 +127,7 @@ fn choose(header: &StringRecord, columns: &Columns, cells: Cells) -> Result<Chos
     if let ([only], false) = (&names[..], columns.rows_are_samples) {
         return Err(format!(
             "{:?} has no comma, semicolon or tab, which separate cells: a line sep=| above it says another sign; \
-             tr -s ' ' , makes commas of blanks",
+             tr -s ' ' , makes commas of blanks; --period-s takes a column of samples alone",
             printable::cell(only)
         ));
     }

@@ -3,7 +3,7 @@
 //! In, from `csv_table.rs`: the row below the names and the one after it. Out: [`Units`], if it is one of units; and
 //! columns of which it says that they are no outputs are left out.
 
-use super::csv_cells::Cells;
+use super::csv_cells::{Cells, no_number};
 use super::printable;
 use super::table_columns::{ChosenColumns, Columns, of_one_unit};
 use super::time_column::{TimeUnit, numbers_rows};
@@ -77,8 +77,9 @@ fn of_time(
             let there = numbers_there(row, no_outputs, chosen);
             format!("{said:?} counts samples: --period-s says how far apart they are{there}")
         }
-        _ => format!(
-            "{said:?} is no number, and no unit of time that is known: remove the line, or give --time-unit"
+        _ => no_number(
+            cell,
+            "nor is it a unit of time that is known: remove the line, or give --time-unit",
         ),
     };
     Err(chosen.of_column(time, &what))

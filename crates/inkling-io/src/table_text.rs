@@ -8,7 +8,6 @@
 //! No record may be longer than `MOST_RECORD_BYTES`; a quote that is never closed would make one record of
 //! the whole file.
 
-use super::csv_cells::date_in;
 use super::printable;
 use super::regular_file::too_large;
 use super::time_column::{TimeUnit, has_word_for_time, is_time, numbers_rows};
@@ -218,7 +217,11 @@ fn begin(lines: &[&str], delimiter: char, first: usize) -> Option<(usize, Vec<us
             |cell: &str| cell.trim().trim_matches('"').replace(',', ".").replace('\u{2212}', "-");
         line.split(delimiter).map(cell).filter(|cell| !cell.is_empty()).collect()
     };
-    let is_number = |cell: &String| cell.parse::<f64>().is_ok() || date_in(cell).is_some();
+    // a number, or a time of day, perhaps behind a date
+    let is_number = |cell: &String| {
+        let is_time = || cell.starts_with(|c: char| c.is_ascii_digit()) && cell.contains(':');
+        cell.parse::<f64>().is_ok() || is_time()
+    };
     let is_row = |at: &usize| {
         let cells = cells(lines[*at]);
         cells.len() > 1 && cells.iter().all(is_number)
@@ -401,7 +404,7 @@ mod tests {
 
     #[test]
     fn lines_of_text_below_names_or_to_the_left_of_numbers_are_told() {
-        let rows = "2026-11-01 08:00:00.5,0,1\n".repeat(3);
+        let rows = "1/11/2026 08:00:00.5,0,1\n".repeat(3);
         let units = "TIMESTAMP,N,V\nTS,RN,mV\n,,Smp\n";
         let beside: String = (1..26)
             .map(|k| format!("{},{},{k}e-6,{k},\n", ["Points", ""][k / 9 % 2], [500, 0][k / 5 % 2]))

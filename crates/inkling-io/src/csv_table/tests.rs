@@ -91,6 +91,8 @@ fn missing_cells_are_nan_and_what_is_no_number_names_its_line() {
         ("t,y,y\n0,1,2\n", "several columns \"y\""),
         ("Time1 (us),a,Time2 (us),b\n0,1,0,1\n", "\"Time2 (us)\" looks like the times of"),
         ("Time (us),y\n(ms),V\n0,1\n", "says microseconds, and \"(ms)\" below it milliseconds"),
+        ("t,y\nTS,mV\n0,1\n", "\"TS\" is no number: nor is it a unit of time that is known"),
+        ("t,y\n\"0,5\",\"1,5\"\n\"1,5\",\"2,5\"\n", "write a point before decimals"),
         ("t,y\n0,1\nSum,1\n", "line 3: column \"t\": \"Sum\" is no number: remove the line"),
         ("t,head,y\n0,K1,1\n", "--printhead head divides"),
         (
