@@ -97,7 +97,9 @@ fn multiples(fit: &Fit) -> Option<String> {
     let first = swings.max_by(|p, q| surprise(p).total_cmp(&surprise(q)))?;
     let hertz = short(first / (TAU * fit.decays.dt_s));
     let is_sure = surprise(&first) > without_a_name(all.len() as f64);
-    is_sure.then(|| format!("lines at multiples of {hertz} Hz: it is rectified, or not linear"))
+    is_sure.then(|| {
+        format!("lines at multiples of {hertz} Hz: it is rectified, or not linear, or a string")
+    })
 }
 
 /// Damping and damped frequency of the ring and of all modes, per sample, each with the index of the number
