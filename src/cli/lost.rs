@@ -100,7 +100,7 @@ fn results_above(dir: &Path) -> Option<PathBuf> {
 /// Number of directories upwards in which a journal is looked for.
 const MOST_LEVELS: usize = 8;
 
-/// Recordings that the last run did not reach, and files that it did not read, as its account says.
+/// Recordings that the last run did not reach or did not find, and files that it did not read, as its account says.
 fn not_reached(out: &Path) -> Vec<LostRecording> {
     let account = if_there(regular_file::read(&out.join(RUN_NAME), MOST_RUN_BYTES));
     let account = match account {
@@ -128,11 +128,22 @@ fn not_reached(out: &Path) -> Vec<LostRecording> {
             path.ends_with(name) && stored::stamp(path).ok() == of.recording.stamp
         })
     };
-    let rows = rows("recordings").filter(|row| row["outcome"] == json!(Outcome::NotReached));
-    let rows = rows.filter(|row| !has_results(row));
-    let lost = rows.filter_map(|row| {
-        let why = row["why"].as_str().unwrap_or("the run ended before it");
-        Some(LostRecording::new(row["recording"].as_str()?, format!("not reached: {why}")))
+    // those that failed while they were judged are in the journal
+    let was_met = |row: &Value| {
+        let name = Path::new(row["recording"].as_str().unwrap_or_default());
+        journal.recordings().any(|of| Path::new(&of.recording.path).ends_with(name))
+    };
+    let lost = rows("recordings").filter_map(|row| {
+        let (name, why) = (row["recording"].as_str()?, row["why"].as_str());
+        if row["outcome"] == json!(Outcome::NotReached) && !has_results(&row) {
+            let why = format!("not reached: {}", why.unwrap_or("the run ended before it"));
+            Some(LostRecording::new(name, why))
+        } else if row["outcome"] == json!(Outcome::Failed) && !was_met(&row) {
+            let why = why.unwrap_or("not found");
+            Some(LostRecording::new(name, why.strip_prefix(&format!("{name}: ")).unwrap_or(why)))
+        } else {
+            None
+        }
     });
     lost.chain(not_read).collect()
 }
@@ -171,10 +182,10 @@ fn failed(out: &Path, is_asked_for: impl Fn(&Path) -> bool) -> Vec<(String, Lost
         let place = entry.results.as_ref().map(|results| out.join(&results.verdicts));
         is_asked_for(place.as_deref().unwrap_or(out))
     };
-    // a recording that was deleted from a directory that is still there is no longer missed
+    // a recording that was deleted from a directory that is still there is no longer missed; one that leads nowhere is
     let is_gone = |entry: &&Entry| {
         let path = Path::new(&entry.recording.path);
-        path.parent().is_some_and(Path::is_dir) && !path.exists()
+        path.parent().is_some_and(Path::is_dir) && path.symlink_metadata().is_err()
     };
     // a store is not asked for each table: there a question takes as long as a small file
     let is_gone_table = |of: &Results| {

@@ -73,7 +73,8 @@ impl ReplacedChannel {
     fn in_words(&self) -> String {
         format!(
             "channel {} rings otherwise since {}, as a replaced channel would: damping {:+.1} %, resonance {:+.2} %, \
-             amplitude {:+.1} % against before",
+             amplitude {:+.1} % against before; if nobody replaced it, look at it: a slight fault that came in the pause is \
+             taken for healthy from now on",
             self.channel,
             at(self.since_ns),
             100.0 * self.damping,
@@ -156,7 +157,7 @@ impl HeadMovement {
             format!(
                 "from {} on most channels ring as this printhead never did: {} times as large, damping \
                  {:+.0} %, resonance {:+.1} %, phase {:+.0}°; those signals are rejected (head_changed). Look at \
-                 wiring, gain and clock; for another printhead of that name train a design, or give another \
+                 wiring, gain, drive and clock; for another printhead of that name train a design, or give another \
                  --baseline file",
                 at(since_ns),
                 significant(level[0].exp(), 3),

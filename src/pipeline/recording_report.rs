@@ -18,7 +18,7 @@ use super::ring_look::{self, Doubt};
 use super::run::Replay;
 use super::tally::{Counts, PrintheadTally, Tally};
 use super::timings::{PhaseTiming, StageTiming};
-use crate::report::{WrongStretch, rfc3339};
+use crate::report::{WrongStretch, percent, rfc3339};
 use crate::settings::Settings;
 use inkling_core::burst::UnusableBurst;
 use inkling_core::episodes::Untimely;
@@ -349,15 +349,28 @@ fn partly<'a>(
     judges: &'a Judges,
     refusals: &'a [Refusal],
 ) -> impl Iterator<Item = NotJudged> + 'a {
-    let lacking = tally.printheads.iter().filter(|(name, of)| {
-        let lost = of.signals - of.known();
-        !name.is_empty() && of.known() > 0 && lost as f64 > LITTLE * of.signals as f64
+    // a burst that cannot be used is one row; it held about as many signals as the others do
+    let Counts { bursts, unusable_bursts, signals, .. } = tally.counts;
+    let held = (signals - unusable_bursts).checked_div(bursts - unusable_bursts).unwrap_or(1);
+    let lost = move |of: &PrintheadTally| {
+        let unusable = of.unusable_bursts();
+        let rows = of.signals - of.known();
+        (rows - unusable + unusable * held.max(1), unusable)
+    };
+    let lacking = tally.printheads.iter().filter(move |(name, of)| {
+        let share = lost(of).0 as f64 / (lost(of).0 + of.known()) as f64;
+        !name.is_empty() && of.known() > 0 && share > LITTLE
     });
     lacking.take(MOST_NAMED).map(move |(name, head)| {
         let (signals, judged) = (head.signals, head.known());
         let why = why(name, head, judges, refusals);
-        let lost = signals - judged;
-        let what = format!("{lost} of {signals} signals of {name} could not be judged: {why}");
+        let what = match lost(head) {
+            (all, unusable) if 2 * unusable * held > all => {
+                let share = percent(all, all + judged);
+                format!("{unusable} bursts of {name}, about {share} of its signals, could not be used: {why}")
+            }
+            _ => format!("{} of {signals} signals of {name} could not be judged: {why}", signals - judged),
+        };
         NotJudged { printhead: Some(name.to_string()), signals, judged, what, topic: None }
     })
 }

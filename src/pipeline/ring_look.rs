@@ -215,8 +215,8 @@ fn of_format(bursts: &[Burst]) -> Option<String> {
     }
     (2 * wrapped > all).then(|| {
         format!(
-            "{wrapped} of {all} signals jump from one end of 16 bits to the other: are they unsigned counts? Only signed ones \
-             are read: subtract 32768 when recording"
+            "{wrapped} of {all} signals jump from one end of 16 bits to the other: are they unsigned, or of another byte \
+             order? Only signed little-endian counts are read"
         )
     })
 }

@@ -56,6 +56,11 @@ impl PrintheadTally {
         self.signals - self.unknown.values().sum::<u64>()
     }
 
+    /// Number of its bursts that could not be used.
+    pub fn unusable_bursts(&self) -> u64 {
+        self.unknown.iter().filter(|(reason, _)| reason.is_of_burst()).map(|(_, n)| n).sum()
+    }
+
     /// Remembers a channel if there is room. `remembered`: number of channels of all printheads.
     fn meet(&mut self, channel: u32, remembered: &mut usize) {
         let (from, to) = self.known;

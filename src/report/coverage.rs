@@ -280,16 +280,18 @@ fn not_measured(survey: &Survey, sources: &[Source]) -> Vec<Gap> {
         // as a whole.
         let (recording, tally) = head.latest()?;
         let name = &head.name;
-        let others = survey.heads.iter().filter_map(|of| of.tallies.get(&recording)?.span);
-        let (began, ended) = whole(others)?;
-        let half = began.saturating_add(ended.saturating_sub(began) / 2);
-        // where its clock is odd, its times say nothing beside those of others
+        // the times of a printhead whose clock is odd say nothing beside those of others
         let odd = sources[recording].document["odd_times"].as_array();
-        let is_odd = odd.into_iter().flatten().any(|of| of["printhead"] == **name);
+        let is_odd =
+            |of: &Head| odd.into_iter().flatten().any(|told| told["printhead"] == *of.name);
+        let others = survey.heads.iter().filter(|of| !is_odd(of));
+        let spans = others.filter_map(|of| of.tallies.get(&recording)?.span);
+        let (began, ended) = whole(spans.chain(tally.span))?;
+        let half = began.saturating_add(ended.saturating_sub(began) / 2);
         // of one that was heard at a single moment nobody knows whether it fell silent
         let is_silent = |of: &Span| {
             let was_heard = tally.judged > 0 && of.0 < of.1;
-            was_heard && !is_odd && of.1 < half && of.1 >= from_ns
+            was_heard && !is_odd(head) && of.1 < half && of.1 >= from_ns
         };
         if let Some((_, last)) = tally.span.filter(is_silent) {
             let (last, ended) = (clock(last), clock(ended));

@@ -74,7 +74,8 @@ pub use source::{LostRecording, Source};
 pub use story::Story;
 pub use survey::Survey;
 pub use words::{
-    Column, alike, channels, clock, columns, first_of, grouped, numbered, rfc3339, three_digits,
+    Column, alike, channels, clock, columns, first_of, grouped, numbered, percent, rfc3339,
+    three_digits,
 };
 
 use counts::Tally;

@@ -23,8 +23,8 @@ const MEDIAN_4: f64 = 3.3567;
 const UPPER_4: f64 = 11.143;
 /// The largest eigenvalue of the covariance of `n` healthy channels exceeds (1 + c / sqrt(n))^2 in
 /// about every other draw with c = `OFTEN`, and in about one of a hundred with c = `RARELY`.
-const OFTEN: f64 = 1.15;
-const RARELY: f64 = 2.7;
+pub const OFTEN: f64 = 1.15;
+pub const RARELY: f64 = 2.7;
 /// From n channels `robust`'s covariance scatters as a sample covariance of `EFFICIENCY` n channels
 /// does: chosen by Gaussian draws of 8 to 128 channels, for the upper points of chi-squared.
 const EFFICIENCY: f64 = 0.4;
@@ -51,12 +51,12 @@ impl Apart {
         Apart { axes, variances, learned_from: None, each_its_own_way: false }
     }
 
-    /// Learns the covariance. It is taken for 1 where channels are too few, and, where healthy
-    /// channels surely move by that (`is_known`), unless chance seldom leads to so large a variance.
-    pub fn learn(moved: &[Features], is_known: bool) -> Apart {
-        let edge = by_chance(OFTEN, moved.len());
+    /// Learns the covariance. It is taken for 1 where channels are too few, and where chance leads to so large a variance
+    /// as often as `chance` says ([`OFTEN`], [`RARELY`]).
+    pub fn learn(moved: &[Features], chance: f64) -> Apart {
+        let edge = by_chance(chance, moved.len());
         let eigen = robust(moved).map(|of| of.symmetric_eigen());
-        let Some(eigen) = eigen.filter(|of| !is_known || of.eigenvalues.max() > edge) else {
+        let Some(eigen) = eigen.filter(|of| of.eigenvalues.max() > edge) else {
             return Apart::as_known();
         };
         let (axes, variances) = (eigen.eigenvectors, eigen.eigenvalues.map(|v| v.max(1.0)));
@@ -210,7 +210,7 @@ mod tests {
                     if is_aged { rng.random_range(-5.0..5.0) } else { f64::from(u8::from(i == j)) }
                 });
                 moved.iter_mut().for_each(|m| *m = ages * *m);
-                let apart = Apart::learn(&moved, true);
+                let apart = Apart::learn(&moved, OFTEN);
                 beyond += moved.iter().filter(|m| apart.square(m, 1.0) > 18.47).count();
             }
             let rate = beyond as f64 / (heads * n) as f64;
@@ -234,7 +234,7 @@ mod tests {
                 for m in &mut moved[..faulty] {
                     *m += draws(1, &mut rng)[0].normalize() * 6.0;
                 }
-                let wider = Apart::learn(&moved, false).wider().max().sqrt();
+                let wider = Apart::learn(&moved, 0.0).wider().max().sqrt();
                 raw += usize::from(wider > 2.0);
                 sure += usize::from(wider > 2.0 * rarely_apart(n));
             }
@@ -251,9 +251,9 @@ mod tests {
         for _ in 0..200 {
             let mut moved = draws(8, &mut rng);
             moved[..5].iter_mut().for_each(|m| m[1] += 8.0);
-            alike += usize::from(Apart::learn(&moved, true).each_its_own_way);
+            alike += usize::from(Apart::learn(&moved, OFTEN).each_its_own_way);
             let moved: Vec<Features> = draws(8, &mut rng).iter().map(|m| m * 5.0).collect();
-            aged += usize::from(Apart::learn(&moved, true).each_its_own_way);
+            aged += usize::from(Apart::learn(&moved, OFTEN).each_its_own_way);
         }
         assert!(alike <= 20 && aged >= 160, "{alike} and {aged} of 200");
     }
@@ -272,7 +272,7 @@ mod tests {
                     draws(2, &mut rng).iter().flatten().take(5).map(|z| z * z).sum::<f64>();
                 *m += draws(1, &mut rng)[0] * (5.0 / (chi_squared / 5.0).sqrt());
             }
-            let apart = Apart::learn(&moved, true);
+            let apart = Apart::learn(&moved, OFTEN);
             beyond += moved.iter().filter(|m| apart.square(m, 1.0) > 33.38).count();
         }
         let rate = f64::from(beyond as u32) / f64::from(60 * heads);
@@ -292,7 +292,7 @@ mod tests {
         for m in &mut moved[36..] {
             *m += Vector4::new(0.0, 12.0, 30.0, 0.0);
         }
-        let apart = Apart::learn(&moved, true);
+        let apart = Apart::learn(&moved, OFTEN);
         let along = {
             let along = apart.axes.transpose() * way;
             way.norm_squared() / along.zip_map(&apart.variances, |x, v| x * x / v).sum()

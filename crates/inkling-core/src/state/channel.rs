@@ -234,13 +234,15 @@ impl Channel {
     /// squared distances of what [`Channel::moved`] returns (`Apart::square`).
     ///
     /// * A healthy channel beyond a bound becomes faulty, at its present level. Its healthy level is
-    ///   then what it was long ago if it has drifted from there, or unknown.
+    ///   then what it was long ago if it has drifted from there, or unknown. Of one without a past it is not known that it
+    ///   is healthy, so it has to lie among all channels as one in a thousand does not ([`WITHIN_POPULATION`]).
     /// * A faulty channel becomes healthy, at its present level, where it has moved no further than
     ///   the others of its ageing head, or is within the bounds and knows no level. The covariance of few
     ///   channels says of nothing that it is rare, so it has to lie among the others by that itself, too.
     pub fn watch(&mut self, squares: [f64; RUNGS + 1], as_others: AsOthers) {
         let drifted = squares[..RUNGS].iter().copied().fold(0.0, f64::max) / DRIFTED;
-        let off = drifted.max(squares[RUNGS] / ODD_ONE);
+        let rare = if self.has_past() { ODD_ONE } else { WITHIN_POPULATION };
+        let off = drifted.max(squares[RUNGS] / rare);
         if self.stays_faulty() {
             let has_aged = as_others.moves && self.faulty_days >= 1.0;
             if has_aged || !self.knows_level() && off < 1.0 && as_others.lies {
@@ -265,6 +267,11 @@ impl Channel {
             self.faulty_looks = self.today.looks;
             (self.today, self.is_faulty) = (Sum::default(), 0.9);
         }
+    }
+
+    /// Whether the channel was met healthy on a day before today.
+    pub fn has_past(&self) -> bool {
+        self.past[USUAL].looks > 0.0
     }
 
     fn knows_level(&self) -> bool {
@@ -320,9 +327,10 @@ impl Channel {
     /// lasted, (1 - `change`)^n for n looks. Only on the channel's first day.
     fn swap_if_cured(&mut self, spread: &Features, noise: &Features) {
         // not if it drifts; and only once the second level has enough looks
-        let Channel { past, today, faulty, faulty_looks, .. } = self;
+        let has_past = self.has_past();
+        let Channel { today, faulty, faulty_looks, off, .. } = self;
         let lasts = *faulty_looks >= today.looks.min(process::OF_BEGINNING);
-        if past[USUAL].looks > 0.0 || self.off > 0.0 || !lasts {
+        if has_past || *off > 0.0 || !lasts {
             return;
         }
 

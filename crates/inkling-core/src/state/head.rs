@@ -9,7 +9,7 @@
 //! 3. `learn`: Kalman's update of the level, of the scatter within channels, and of each channel.
 //! 4. `watch`: which channels have drifted slowly from their past, or lie apart (`ageing.rs`).
 
-use super::ageing::{Apart, rarely_apart};
+use super::ageing::{Apart, OFTEN, RARELY, rarely_apart};
 use super::channel::{AsOthers, Channel, FromLevel, RUNGS, Sum};
 use super::kind::{Features, Kind, at_least_as_wide};
 use super::level::{Expected, Explained, Member, Move, Variances, alike, explain};
@@ -158,6 +158,10 @@ impl Head {
     pub fn begin(&mut self, t_ns: i64) {
         self.is_earlier = self.heard_ns.is_some_and(|heard_ns| heard_ns >= t_ns);
         self.clock_set(t_ns);
+        // a recorder that begins another file is no pause
+        if self.heard_ns.is_some_and(|heard_ns| t_ns.abs_diff(heard_ns) <= PAUSE_NS) {
+            self.heard = self.channels.keys().copied().collect();
+        }
     }
 
     /// What follows begins at `t_ns`, and after a pause.
@@ -360,19 +364,22 @@ impl Head {
 
         // where each is while it is healthy: many that are faulty lie apart, and widen nothing
         let place = |look: &Look| self.channels.get(&look.channel)?.healthy_place(&spread, &noise);
+        let places: Vec<Features> = looks.iter().filter_map(place).collect();
+        // of channels without a past nothing else is known than that: that they lie further apart than the design says is
+        // believed only where chance seldom leads to it, or a fault would itself make faults less rare
+        let at_first = Apart::learn(&places, RARELY);
 
         // how far all have moved over each span of days, and, last, how far they lie from the level
         let apart: [Apart; RUNGS + 1] = std::array::from_fn(|rung| {
-            let known: Vec<Features> = match rung {
-                RUNGS => looks.iter().filter_map(place).collect(),
-                _ => moved.iter().filter_map(|of| of[rung]).collect(),
-            };
+            let of_rung = || moved.iter().filter_map(|of| of[rung]).collect();
+            let known: Vec<Features> = if rung == RUNGS { places.clone() } else { of_rung() };
             // a design's spread was itself learned from few channels; moving over days is taken for
             // chance as long as it may be
             let is_of_head = rung == RUNGS;
             let is_aged = is_of_head && self.wider.max() > ALIKE;
             let is_asked = is_aged || known.iter().any(|of| of.norm_squared() > BOUNDS[rung]);
-            if is_asked { Apart::learn(&known, !is_of_head) } else { Apart::as_known() }
+            let chance = if is_of_head { 0.0 } else { OFTEN };
+            if is_asked { Apart::learn(&known, chance) } else { Apart::as_known() }
         });
         self.wider += (apart[RUNGS].wider() - self.wider) * process::OF_SWEEP;
 
@@ -380,8 +387,12 @@ impl Head {
         for (look, moved) in looks.iter().zip(moved) {
             let Some(channel) = self.channels.get_mut(&look.channel) else { continue };
             let times = |rung: usize| channel.times_as_long(rung);
+            let of = |rung: usize| match rung == RUNGS && !channel.has_past() {
+                true => &at_first,
+                false => &apart[rung],
+            };
             let square =
-                |rung: usize| moved[rung].map_or(0.0, |of| apart[rung].square(&of, times(rung)));
+                |rung: usize| moved[rung].map_or(0.0, |by| of(rung).square(&by, times(rung)));
             let is_within =
                 |rung: usize| moved[rung].is_none_or(|of| apart[rung].holds(&of, times(rung)));
             let squares = std::array::from_fn(square);

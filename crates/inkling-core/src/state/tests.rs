@@ -454,6 +454,29 @@ fn replaced_channels_are_told_and_no_others() {
     assert!(told >= 20 && others == 0, "{told} of 40 replaced channels, {others} others");
 }
 
+/// A fault that comes with the first burst of another file is none that came in a pause: no channel was replaced.
+#[test]
+fn a_recorder_that_begins_another_file_is_no_pause() {
+    let fault = Vector4::new(0.0, 0.035, 0.0, 0.0);
+    for (gap, most_replaced) in [(SECOND, 0), (DAY, 24)] {
+        let mut replaced = 0;
+        for seed in 0..24 {
+            let mut world = World::new(200 + seed, 24);
+            world.run(60);
+            let known = world.head.memory(None);
+            world.head = Head::remembered(kind(), &known, &Vector4::zeros());
+            world.t_ns += gap;
+            world.head.begin(world.t_ns + SECOND);
+            (0..40).for_each(|_| {
+                world.sweep(Vector4::zeros(), |k| if k == 3 { fault } else { none(k) });
+            });
+            replaced += world.head.replaced().count();
+            assert!(gap > SECOND || world.faulty() == [3], "{seed}: {:?}", world.faulty());
+        }
+        assert!(replaced <= most_replaced, "{replaced} replaced after {gap} ns");
+    }
+}
+
 /// Nine channels do not say how far channels lie apart; one of them that is faulty from the first night on stays so.
 #[test]
 fn a_fault_of_the_first_night_stays_one_in_a_head_of_few_channels() {
@@ -469,5 +492,34 @@ fn a_fault_of_the_first_night_stays_one_in_a_head_of_few_channels() {
             }
             assert_eq!(world.faulty(), [3], "{channels} channels, {noises} standard deviations");
         }
+    }
+}
+
+/// A channel that lies 6 or 8 standard deviations of healthy ones off from the first look on is faulty then and stays so, and
+/// how many healthy ones are called so is what `WITHIN_POPULATION` says.
+#[test]
+fn slight_faults_that_are_there_from_the_first_look_are_not_learned_as_healthy() {
+    for (channels, share) in [(24, 1.0), (24, 0.6), (60, 1.0)] {
+        let (mut kept, mut called, mut healthy) = (0, 0, 0);
+        for seed in 0..24 {
+            let mut world = World::lasting(100 + seed, channels, share);
+            let size = SPREAD[1] * if seed % 2 == 0 { 6.0 } else { 8.0 };
+            let fault = Vector4::new(0.0, size, 0.0, 0.0);
+            for _ in 0..3 {
+                (0..60).for_each(|_| {
+                    world.sweep(Vector4::zeros(), |k| if k % 12 == 3 { fault } else { none(k) });
+                });
+                world.t_ns += DAY;
+                let of = world.faulty();
+                let right = of.iter().filter(|k| **k % 12 == 3).count();
+                (kept, called) = (kept + right, called + of.len() - right);
+            }
+            healthy += 3 * (channels - channels / 12);
+        }
+        let (all, rate) = (24 * 3 * channels / 12, called as f64 / healthy as f64);
+        assert!(
+            kept as f64 > 0.9 * all as f64 && rate < 3e-3,
+            "{channels}: {kept} of {all}; {rate}"
+        );
     }
 }
