@@ -1,6 +1,6 @@
 //! The steps of a replay, one by one: `cargo bench --bench speed`.
 //!
-//! Throughputs are in items: a signal of 128 samples, a row, a problem. End to end:
+//! Throughputs are in items: a signal of 128 samples, or a row. End to end:
 //! `examples/benchmark_recording.rs` and `docs/design/streaming.md`.
 
 use bytes::Bytes;
@@ -14,7 +14,6 @@ use inkling::io;
 use inkling::io::burst_codec::{BurstDecoder, encode};
 use inkling::io::design_file;
 use inkling::io::verdict_table::{TableOptions, TimestampUnit, VerdictWriter};
-use inkling::isolate::{SignatureMatrix, Simplex};
 use inkling::model::ring::Ring;
 use inkling::model::ring_fit::{FitBuffers, RingFitter};
 use inkling::processor::Instructions;
@@ -111,30 +110,6 @@ fn burst_codec(bencher: Bencher, channels: u32) {
     bencher
         .counter(ItemsCount::new(1_u32))
         .bench_local(|| decoder.decode(black_box(message.clone()), 0, &topic));
-}
-
-/// The exact active set on nine classes; an item is a problem.
-#[divan::bench]
-fn active_set(bencher: Bencher) {
-    let design = design();
-    let deviations: Vec<&[f64]> = design.classes.iter().map(|c| &c.deviation[..]).collect();
-    let signatures = SignatureMatrix::new(&deviations).expect("the sample's classes");
-    let simplex = Simplex::new(&signatures);
-    let mut rng = ChaCha8Rng::seed_from_u64(SEED);
-    let problems: Vec<Vec<f64>> = (0..SIGNALS)
-        .map(|i| {
-            let of = deviations[i % deviations.len()];
-            let r: Vec<f64> = of.iter().map(|d| d + 30.0 * rng.random_range(-1.0..1.0)).collect();
-            let mut c = vec![0.0; deviations.len()];
-            signatures.project(&r, &mut c);
-            c
-        })
-        .collect();
-    let mut phi = vec![0.0; deviations.len()];
-    bencher.counter(ItemsCount::new(SIGNALS)).bench_local(|| {
-        problems.iter().for_each(|c| simplex.solve(black_box(c), &mut phi));
-        phi[0]
-    });
 }
 
 /// Rings of faulty signals: the phase free, searched everywhere; one by one and side by side.

@@ -36,22 +36,9 @@ struct Args {
     /// More than 1: bursts of so many printheads in turn, the first the design's
     #[arg(long, default_value_t = 1)]
     printheads: u32,
-    /// Pause before a printhead's next round of all channels, s
-    #[arg(long, default_value_t = 1e-3)]
-    every: f64,
     /// Share of faulty signals
     #[arg(long, default_value_t = 0.02)]
     faulty: f64,
-    #[arg(long, default_value_t = 1 << 20)]
-    chunk_bytes: u64,
-    /// Sample-major instead of channel-major
-    #[arg(long)]
-    sample_major: bool,
-    /// f32 samples instead of int16
-    #[arg(long)]
-    floats: bool,
-    #[arg(long, default_value_t = 1)]
-    seed: u64,
 }
 
 /// Healthy signals drawn before they repeat; beyond the window of any chunk.
@@ -63,7 +50,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let (design, _) = design_file::read(&args.design)?;
     let model = design.models.first().unwrap_or(&design.pooled);
     let n = design.samples;
-    let mut rng = ChaCha8Rng::seed_from_u64(args.seed);
+    let mut rng = ChaCha8Rng::seed_from_u64(1);
     let noise = Normal::new(0.0, model.noise)?;
     let mut draw = |class: Option<usize>, pool: &mut Vec<i16>| {
         for k in 0..n {
@@ -83,7 +70,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         "zstd" => Compression::Zstd,
         other => return Err(format!("--compression {other}: none, lz4 or zstd").into()),
     };
-    let options = WriterOptions { compression, chunk_bytes: Some(args.chunk_bytes) };
+    let options = WriterOptions { compression, chunk_bytes: Some(1 << 20) };
     let mut writer = RecordingWriter::create(&args.recording, options)?;
     let known = model.printhead.as_deref().unwrap_or("K1");
     let name = |k: u32| if k == 0 { known.into() } else { format!("{known}-{k}").into() };
@@ -103,8 +90,8 @@ fn main() -> Result<(), Box<dyn Error>> {
         channels: args.channels,
         samples_per_channel: n as u32,
         sample_period_s: design.sample_period_s,
-        format: if args.floats { Format::F32Le } else { Format::S16Le },
-        layout: if args.sample_major { Layout::SampleMajor } else { Layout::ChannelMajor },
+        format: Format::S16Le,
+        layout: Layout::ChannelMajor,
         samples: Default::default(),
         temperature_c: model.temperature_c,
         drive_voltage_v: design.drive_voltage_v,
@@ -125,16 +112,8 @@ fn main() -> Result<(), Box<dyn Error>> {
             chosen.push(&pool[at..at + n]);
             *next += 1;
         }
-        let values = (0..channels * n).map(|i| match burst.layout {
-            Layout::ChannelMajor => chosen[i / n][i % n],
-            Layout::SampleMajor => chosen[i % channels][i / channels],
-        });
-        burst.samples = match burst.format {
-            Format::S16Le => values.flat_map(i16::to_le_bytes).collect::<Vec<u8>>().into(),
-            Format::F32Le => {
-                values.flat_map(|y| f32::from(y).to_le_bytes()).collect::<Vec<u8>>().into()
-            }
-        };
+        let samples = chosen.iter().flat_map(|signal| signal.iter());
+        burst.samples = samples.flat_map(|y| y.to_le_bytes()).collect::<Vec<u8>>().into();
         burst.t_acq_ns = t_ns;
         burst.first_channel = first_channel;
         burst.printhead.clone_from(turns.next().unwrap_or(&printheads[0]));
@@ -144,7 +123,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         // one printhead has 1024 channels or more, acquired about a thousand times a second
         first_channel = (first_channel + args.channels) % channels_of_all;
         if first_channel == 0 && bursts % printheads.len() == 0 {
-            t_ns += (args.every * 1e9) as i64;
+            t_ns += 1_000_000;
         }
     }
     writer.finish()?;

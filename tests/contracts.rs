@@ -1,6 +1,7 @@
 //! What others rely on: settings, schemas, the shipped sample.
 
 use crate::house::{House, between, root, shipped, shipped_json};
+use crate::recipes::is_inert;
 use crate::recorded::{bursts, rows, sample};
 use inkling::design::Design;
 use inkling::settings::Settings;
@@ -141,6 +142,7 @@ fn what_a_critique_leaves_has_the_documented_keys_and_its_page_quotes_it() {
         let written: Vec<_> = schema.fields().iter().map(|f| f.name().as_str()).collect();
         assert_eq!(written, names("critique.md", table));
     }
+    is_inert(&house.text("c/report.html"));
     let page = shipped("docs/critique.md");
     let said = critique["sentence"].as_str().unwrap();
     assert!(page.contains(&format!("\n> {said}\n")), "docs/critique.md quotes another: {said}");

@@ -6,7 +6,6 @@ mod house; // a fresh directory and the inkling command
 mod recipes; // recordings changed in named ways, and what is shown of results
 mod recorded; // bursts, recordings and tables: read, written, changed
 
-mod cli; // process boundary: exit codes, hints in messages
 mod clocks; // a clock that was wrong changes nothing that is told of faults
 mod contracts; // pipeline.toml = defaults, schemas = code, sample_logs regenerate and retrain
 mod convert; // tables as people and instruments write them: read, or refused with what to do

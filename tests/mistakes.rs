@@ -1,4 +1,4 @@
-//! What a user mistypes: each mistake with its exit status and a part of the sentence that answers it.
+//! What a user mistypes: each mistake with its exit status and a part of the sentence that answers it; beside some what is none.
 
 use crate::house::{House, root};
 
@@ -77,6 +77,41 @@ const MISTAKES: &[(&str, i32, &str)] = &[
     ("replay {R} --set output.dir=~/verdicts", 2, "write the whole path"),
     ("replay {R} --set input.design=$HOME/design.json", 2, "write the whole path"),
     ("replay {R} --config {L}", 2, "labels.csv"),
+    // settings that could not take effect there
+    ("replay {R} --design {D} --set isolate.pulse_s=8e-6", 2, "by this design"),
+    ("replay {R} --design {D} --set isolate.unlabelled_classes=false", 2, "by this design"),
+    ("replay {R} --design {D} --set isolate.neighbours=3", 2, "isolate.method = \"posterior\""),
+    ("replay {R} --design {D} --set isolate.signal=deviation", 2, "isolate.method = \"posterior\""),
+    (
+        "replay {R} --design {D} --set isolate.method=neighbours",
+        2,
+        "train with --set isolate.method",
+    ),
+    ("replay {R} --design {D} --set detect.false_alarm_rate=1e-3", 2, "train again"),
+    ("replay {R} --design {D} --set detect={false_alarm_rate=1e-3}", 2, "train again"),
+    ("replay {R} --design {D} --set isolate.classes={Eigene=[\"EC\"]}", 2, "trained without it"),
+    ("replay {R} --set isolate.classes={Eigene=[\"EC\"]}", 2, "no design"),
+    ("replay {R} --set isolate.certainty=0.9", 2, "--design"),
+    ("replay {R} --set output.weights=true", 2, "--design"),
+    ("replay {R} --set detect.mu=2", 2, "detect.threshold = \"quantile\""),
+    ("replay {R} --set detect.fault=EC", 2, "detect.denominator = \"resonance\""),
+    ("replay {R} --set detect.denominator=eigenvalues", 2, "without --design"),
+    ("replay {R} --set detect.oscillations=7", 2, "detect.method = \"sensitivity\""),
+    ("train {T} --labels {L} -o d.json --set identify.first=5", 2, "`inkling train`"),
+    ("train {T} --labels {L} -o d.json --set output.dir=x", 2, "`inkling train`"),
+    (
+        "identify {T} --labels {L} -o d.json --set detect.oscillations=7",
+        2,
+        "has no effect here, on `inkling identify` without --detectability",
+    ),
+    ("identify {T} --labels {L} -o d.json --detectability --set detect.mu=2", 2, "--detectability"),
+    // and those that can
+    ("replay {R} --design {D} --out o --dry-run --set isolate.certainty=.9", 0, ""),
+    ("replay {R} --design {D} --out o --dry-run --set detect.false_alarm_rate=7e-4", 0, ""),
+    ("replay {R} --design {D} --out o --dry-run --set identify.first=5", 0, ""),
+    ("replay {R} --design {D} --out o --dry-run --set episodes.false_per_million=1", 0, ""),
+    // what no terminal shows has no progress
+    ("simulate {S}/sample.toml -o run", 0, ""),
     // files of another kind
     ("replay missing*.mcap", 1, "no file fits"),
     ("replay {R} --design missing.json", 2, "missing.json"),
@@ -201,6 +236,7 @@ fn what_is_mistyped_is_answered_in_a_sentence() {
             .replace("{E}", &other.path("out/print_run.episodes.parquet").display().to_string());
         let words = command.split_whitespace().map(|word| if word == "{none}" { "" } else { word });
         let stderr = house.run_words(&command, words).exits(*status).says(said).stderr();
+        assert!(*status != 0 || stderr.is_empty(), "{command}: {stderr}");
         assert!(!stderr.contains("panicked"), "{command}: {stderr}");
         // a run that began and failed (1) keeps its journal; wrong usage never begins
         let mut left = std::fs::read_dir(house.path(".")).expect("the directory");

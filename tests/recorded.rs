@@ -9,7 +9,7 @@ use inkling::io::Limits;
 use inkling::io::recording::Recording;
 use inkling::io::recording_writer::{RecordingWriter, WriterOptions};
 use inkling::io::verdict_reader::VerdictReader;
-use inkling::verdict::{Outcome, Reason, VerdictColumns};
+use inkling::verdict::{Outcome, VerdictColumns};
 use parquet::arrow::arrow_reader::{ArrowReaderOptions, ParquetRecordBatchReaderBuilder};
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -133,9 +133,7 @@ pub struct Said {
     pub outcome: Outcome,
     pub fault: Option<String>,
     pub has_category: bool,
-    pub candidate: Option<String>,
     pub certainty: f32,
-    pub reason: Option<Reason>,
     pub misfit: Option<f32>,
 }
 
@@ -153,16 +151,6 @@ impl Said {
     pub fn is_named(&self) -> bool {
         self.certainty >= 0.8 && (self.fault.is_some() || self.has_category)
     }
-
-    /// The class, if it has such a certainty.
-    pub fn class(&self) -> Option<&str> {
-        self.fault.as_deref().filter(|_| self.is_named())
-    }
-
-    /// It is said that no known class explains it.
-    pub fn is_of_no_class(&self) -> bool {
-        matches!(self.reason, Some(Reason::UnknownFault | Reason::NoRing))
-    }
 }
 
 /// The rows of a table of verdicts, in its order.
@@ -179,9 +167,7 @@ pub fn said(table: &Path) -> Vec<Said> {
                 outcome: c.outcome[i],
                 fault: c.fault[i].map(name),
                 has_category: c.category[i].is_some(),
-                candidate: c.candidate[i].map(name),
                 certainty: c.certainty[i].unwrap_or(0.0),
-                reason: c.reason[i],
                 misfit: c.misfit[i],
             }
         }));

@@ -4,7 +4,8 @@
 
 use crate::house::House;
 use crate::recorded::{
-    AS_RECORDED, Acquired, bursts, counts, each_row, sample, with_samples, with_signals,
+    AS_RECORDED, Acquired, SAMPLE_MAJOR_FLOATS, bursts, counts, each_row, sample, with_samples,
+    with_signals,
 };
 use inkling::burst::Burst;
 use inkling::verdict::VerdictColumns;
@@ -207,37 +208,53 @@ fn a_stray_takes_nothing_from_the_others() {
 }
 
 /// The same bursts with a constant number of counts in every sample.
-fn raised(of: Vec<Burst>, counts: f64) -> Vec<Burst> {
+fn raised(of: &[Burst], counts: f64) -> Vec<Burst> {
     of.iter().map(|burst| with_samples(burst, |_, _, y| y + counts)).collect()
 }
 
-/// What is said of the signals by their outcomes alone, and of how many it differs.
-fn differing(as_it_is: &BTreeMap<Acquired, Said>, raised: &BTreeMap<Acquired, Said>) -> f64 {
-    let differ = as_it_is.iter().filter(|(of, said)| raised[of].words != said.words).count();
+/// The same signals in another unit of what is sensed, and on another scale of time.
+fn scaled(of: &[Burst], [gain, time]: [f32; 2]) -> Vec<Burst> {
+    let scaled = |burst: &Burst| {
+        let signals = counts(burst);
+        let signals: Vec<Vec<f32>> =
+            signals.iter().map(|y| y.iter().map(|y| gain * y).collect()).collect();
+        let sample_period_s = f64::from(time) * burst.sample_period_s;
+        with_signals(&Burst { sample_period_s, ..burst.clone() }, &signals, SAMPLE_MAJOR_FLOATS)
+    };
+    of.iter().map(scaled).collect()
+}
+
+/// What is said of the signals by their words alone, and of how many it differs.
+fn differing(as_it_is: &BTreeMap<Acquired, Said>, changed: &BTreeMap<Acquired, Said>) -> f64 {
+    let differ = as_it_is.iter().filter(|(of, said)| changed[of].words != said.words).count();
     differ as f64 / as_it_is.len() as f64
 }
 
+/// Judged with nothing, and by windows and a design that was trained on recordings changed alike.
 #[test]
-fn what_stands_off_zero_is_learned_where_it_stands() {
+fn what_stands_off_zero_or_has_another_unit_is_learned_where_it_stands_and_in_its_unit() {
     let house = House::new();
-    let original = bursts(&sample("print_run.mcap"));
+    let [original, train] = ["print_run.mcap", "train.mcap"].map(|name| bursts(&sample(name)));
     house.record("run.mcap", &original);
-    let train = bursts(&sample("train.mcap"));
-    for (name, counts) in
-        [("off_by_40", 40.0), ("off_by_2048", 2048.0), ("off_by_minus_300", -300.0)]
-    {
-        house.record(&format!("{name}.mcap"), &raised(original.clone(), counts));
-        let (as_it_is, off) = (said(&house, "run", ""), said(&house, name, ""));
-        assert!(differing(&as_it_is, &off) < 0.01, "{name}: {}", differing(&as_it_is, &off));
-
-        house.record("train.mcap", &raised(train.clone(), counts));
+    let as_it_is = said(&house, "run", "");
+    let by_design = said(&house, "run", "--design sample_logs/design.json --identify windows");
+    type Change = fn(&[Burst]) -> Vec<Burst>;
+    let changes: [(&str, Change); 6] = [
+        ("off_by_40", |of| raised(of, 40.0)),
+        ("off_by_2048", |of| raised(of, 2048.0)),
+        ("off_by_minus_300", |of| raised(of, -300.0)),
+        ("a_fiftieth", |of| scaled(of, [0.02, 1.0])),
+        ("fifty_times", |of| scaled(of, [50.0, 1.0])),
+        ("a_hundred_times_the_time", |of| scaled(of, [1.0, 100.0])),
+    ];
+    for (name, change) in changes {
+        house.record(&format!("{name}.mcap"), &change(&original));
+        let alone = differing(&as_it_is, &said(&house, name, ""));
+        assert!(alone < 0.01, "{name}: {alone}");
+        house.record("train.mcap", &change(&train));
         house.run("train train.mcap --labels sample_logs/labels.csv -o d.json").exits(0);
-        let by_design = said(&house, name, "--design d.json --identify windows");
-        let sample = said(&house, "run", "--design sample_logs/design.json --identify windows");
-        assert!(
-            differing(&sample, &by_design) < 0.03,
-            "{name}: {}",
-            differing(&sample, &by_design)
-        );
+        let changed = said(&house, name, "--design d.json --identify windows");
+        let with_design = differing(&by_design, &changed);
+        assert!(with_design < 0.03, "{name}: {with_design}");
     }
 }

@@ -35,15 +35,7 @@ enum Effect {
     Sway,
     /// A pulse of interference in each decay.
     Pulse,
-    /// What the catalogue holds: `cubic_stiffness`.
-    Cubic,
-    /// `quadratic_drag`.
-    Drag,
-    /// `dry_friction`.
-    Friction,
-    /// `offset`.
-    Offset,
-    /// `tone` of another phase in each decay.
+    /// What the catalogue holds: `tone` of another phase in each decay.
     Tone,
     /// `second_mode`, little beside the noise of a long decay.
     Mode,
@@ -53,10 +45,6 @@ impl Effect {
     /// The catalogue's, if it holds the effect.
     fn name(self) -> Option<&'static str> {
         Some(match self {
-            Effect::Cubic => "cubic_stiffness",
-            Effect::Drag => "quadratic_drag",
-            Effect::Friction => "dry_friction",
-            Effect::Offset => "offset",
             Effect::Tone => "tone",
             Effect::Mode => "second_mode",
             _ => return None,
@@ -81,9 +69,6 @@ fn recording(effect: Effect, seed: u64) -> Observations {
             Effect::Even => spring += 0.3 * strength * x * x,
             Effect::OneSided => spring += 0.2 * strength * x.max(0.0),
             Effect::Play => spring -= x.clamp(-0.05 * strength, 0.05 * strength),
-            Effect::Cubic => spring += 0.06 * strength * x.powi(3),
-            Effect::Drag => s *= 1.0 + 1.5 * strength * (v / w).abs(),
-            Effect::Friction => spring += 0.004 * strength * (v / (0.01 * w)).tanh(),
             _ => {}
         }
         -2.0 * s * v - rate * rate * spring
@@ -105,7 +90,6 @@ fn recording(effect: Effect, seed: u64) -> Observations {
                 Effect::GainControl => x / (1.0 + strength * level),
                 Effect::Soft => (strength * x).tanh() / strength,
                 Effect::Crossover => x - x.clamp(-0.06 * strength, 0.06 * strength),
-                Effect::Offset => x + 0.01 * strength,
                 Effect::Sway => x * (1.0 + 0.01 * strength * (0.13 * w * k as f64 + met).sin()),
                 Effect::Pulse => {
                     let off = (k as f64 - 0.6 * n as f64) / per_swing;

@@ -58,8 +58,7 @@ fn a_design_that_knows_the_cause_detects_as_if_it_were_not_there() {
     for (effect, seed) in effects.into_iter().zip(0..) {
         let house = House::new();
         let hidden = Hidden { effect, strength: 8.0 };
-        let bursts =
-            |hidden| Case { family: Family::Tied, hidden, seed, times: 1 }.heard().bursts();
+        let bursts = |hidden| Case { family: Family::Tied, hidden, seed }.heard().bursts();
         let (run, clean) = (bursts(hidden), bursts(NOTHING));
         house.record("faulty.mcap", &with_faults(&run));
         house.record("healthy.mcap", &run);

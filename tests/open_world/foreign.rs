@@ -1,111 +1,79 @@
 //! Signals that belong to no class: what sensors, amplifiers, cables and neighbours add to a healthy ring; sensors and
 //! acquisitions that have failed; rings of no class.
 
-use super::plant::{Plant, Random, Ring, normal};
-use nalgebra::{DMatrix, DVector};
+use super::plant::{HEALTHY, NOISE, PERIOD_S, Random, Ring, SAMPLES, clean, drawn, noisy, normal};
 use rand::RngExt;
 use std::f64::consts::TAU;
 
 /// Samples that a healthy ring leads to: what is added to it, in any size; or all that is sensed of it, with the noise.
-type Samples = fn(&Plant, &Ring, &mut Random) -> Vec<f64>;
+type Samples = fn(Ring, &mut Random) -> Vec<f64>;
 
 pub struct Family {
     pub name: &'static str,
     samples: Samples,
-    /// Of what is added, so many variances of the noise that no healthy ring explains.
+    /// Of what is added, so many variances of the noise.
     pub energy: Option<f64>,
 }
 
-const ADDED: [(&str, Samples); 5] = [
-    ("offset", |plant, _, _| vec![1.0; plant.samples]),
-    ("odd sample", |plant, _, rng| {
-        let at = rng.random_range(0..plant.samples);
-        (0..plant.samples).map(|k| f64::from(k == at)).collect()
+/// In variances of the noise: what nobody can overlook, and what is gross.
+const SIZES: [f64; 2] = [400.0, 1600.0];
+
+const ADDED: [(&str, [f64; 2], Samples); 5] = [
+    ("offset", SIZES, |_, _| vec![1.0; SAMPLES]),
+    ("odd sample", SIZES, |_, rng| {
+        let at = rng.random_range(0..SAMPLES);
+        (0..SAMPLES).map(|k| f64::from(k == at)).collect()
     }),
-    ("hum", |plant, ring, rng| tone(plant, ring, [0.001, 0.08], rng)),
-    ("high tone", |plant, ring, rng| tone(plant, ring, [1.4, 6.2], rng)),
-    ("white noise", |plant, _, rng| (0..plant.samples).map(|_| normal(rng)).collect()),
+    // most of it looks like the ring's own slow part
+    ("hum", [1600.0, 6400.0], |ring, rng| tone(ring, [0.001, 0.08], rng)),
+    ("high tone", SIZES, |ring, rng| tone(ring, [1.4, 6.2], rng)),
+    ("white noise", SIZES, |_, rng| (0..SAMPLES).map(|_| normal(rng)).collect()),
 ];
 
 const SENSED: [(&str, Samples); 6] = [
-    ("dead line", |plant, _, rng| plant.noisy(vec![0.0; plant.samples], rng)),
-    ("half gain", |plant, ring, rng| {
-        plant.signal(&Ring { amplitude: 0.5 * ring.amplitude, ..*ring }, rng)
+    ("dead line", |_, rng| noisy(vec![0.0; SAMPLES], normal, rng)),
+    ("half gain", |[amplitude, damping, frequency], rng| {
+        noisy(clean([0.5 * amplitude, damping, frequency]), normal, rng)
     }),
-    ("stuck", |plant, ring, rng| {
-        let mut y = plant.signal(ring, rng);
-        let from = rng.random_range(y.len() / 5..y.len() * 2 / 5); // while there is a ring to miss
+    ("stuck", |ring, rng| {
+        let mut y = noisy(clean(ring), normal, rng);
+        let from = rng.random_range(SAMPLES / 5..SAMPLES * 2 / 5); // while there is a ring to miss
         let value = y[from];
         y[from..].fill(value);
         y
     }),
-    ("clipped", |plant, ring, rng| {
-        let bound = ring.amplitude * rng.random_range(0.2..0.4);
-        plant.signal(ring, rng).into_iter().map(|y| y.clamp(-bound, bound)).collect()
+    ("clipped", |ring, rng| {
+        let bound = ring[0] * rng.random_range(0.2..0.4);
+        let y = noisy(clean(ring), normal, rng);
+        y.into_iter().map(|y| y.clamp(-bound, bound)).collect()
     }),
-    ("ten times the noise", |plant, ring, rng| {
-        (0..100).fold(plant.clean(ring), |y, _| plant.noisy(y, rng))
-    }),
-    ("a ring of no class", |plant, ring, rng| {
-        let strange = std::iter::repeat_with(|| Ring {
-            // two cycles a signal to a tenth of the sample rate
-            frequency_hz: logarithmic([2.0, 0.1 * plant.samples as f64], rng) / plant.duration_s,
-            damping_per_s: logarithmic([1e3, 1.2e5], rng),
-            ..*ring
-        });
-        let strange = strange.into_iter().find(|ring| is_far_from_all(ring, plant)).unwrap();
-        plant.signal(&strange, rng)
+    ("ten times the noise", |ring, rng| (0..100).fold(clean(ring), |y, _| noisy(y, normal, rng))),
+    ("a ring of no class", |[amplitude, ..], rng| {
+        // a tenth from the classes' frequencies on either side
+        let between = [[20e3, 24.5e3], [41e3, 48.9e3], [95.2e3, 128e3]];
+        let frequency = logarithmic(between[rng.random_range(0..3)], rng);
+        noisy(clean([amplitude, logarithmic([1e3, 1.2e5], rng), frequency]), normal, rng)
     }),
 ];
 
 impl Family {
-    /// All of them; what comes in any size comes in these two.
-    pub fn all(energies: [f64; 2]) -> Vec<Family> {
-        let added =
-            |(name, samples)| energies.map(|energy| Family { name, samples, energy: Some(energy) });
+    /// All of them; what comes in any size comes in two.
+    pub fn all() -> Vec<Family> {
+        let added = |(name, sizes, samples): (_, [f64; 2], _)| {
+            sizes.map(|energy| Family { name, samples, energy: Some(energy) })
+        };
         let sensed = SENSED.map(|(name, samples)| Family { name, samples, energy: None });
         ADDED.into_iter().flat_map(added).chain(sensed).collect()
     }
 
-    pub fn signal(&self, plant: &Plant, rng: &mut Random) -> Vec<f64> {
-        let healthy = plant.drawn(plant.healthy, rng);
-        let samples = (self.samples)(plant, &healthy, rng);
+    pub fn signal(&self, rng: &mut Random) -> Vec<f64> {
+        let healthy = drawn(HEALTHY, rng);
+        let samples = (self.samples)(healthy, rng);
         let Some(energy) = self.energy else { return samples };
-        let size = (energy / unexplained(plant, &healthy, &samples)).sqrt();
-        let both = plant.clean(&healthy).into_iter().zip(samples).map(|(y, v)| y + size * v);
-        plant.noisy(both.collect(), rng)
+        let size = NOISE * (energy / samples.iter().map(|v| v * v).sum::<f64>()).sqrt();
+        let both = clean(healthy).into_iter().zip(samples).map(|(y, v)| y + size * v);
+        noisy(both.collect(), normal, rng)
     }
-}
-
-/// Energy of what no ring near this one explains, in variances of the noise: what is left of `added` where amplitude,
-/// damping, frequency, phase and the real pole's share and rate are free, to first order.
-fn unexplained(plant: &Plant, ring: &Ring, added: &[f64]) -> f64 {
-    let more = 1.0 + 1e-4;
-    let moved = [
-        Ring { amplitude: ring.amplitude * more, ..*ring },
-        Ring { damping_per_s: ring.damping_per_s * more, ..*ring },
-        Ring { frequency_hz: ring.frequency_hz * more, ..*ring },
-        Ring { phase_rad: ring.phase_rad * more, ..*ring },
-        Ring { pole_share: ring.pole_share * more, ..*ring },
-        Ring { pole_per_s: ring.pole_per_s * more, ..*ring },
-    ];
-    let base = DVector::from(plant.clean(ring));
-    let tangents = moved.map(|ring| DVector::from(plant.clean(&ring)) - &base);
-    let explains = DMatrix::from_columns(&tangents).qr().q();
-    let added = DVector::from_column_slice(added);
-    let left = &added - &explains * explains.tr_mul(&added);
-    left.norm_squared() / plant.noise_sd.powi(2)
-}
-
-/// It leaves each class by a factor of its bounds.
-fn is_far_from_all(ring: &Ring, plant: &Plant) -> bool {
-    let outside = |value: f64, [low, high]: [f64; 2], factor: f64| {
-        value < low / factor || value > high * factor
-    };
-    let classes = plant.faults.iter().map(|(_, of)| *of).chain([plant.healthy]);
-    classes.into_iter().all(|[_, damping, frequency]| {
-        outside(ring.frequency_hz, frequency, 1.12) || outside(ring.damping_per_s, damping, 1.6)
-    })
 }
 
 fn logarithmic([low, high]: [f64; 2], rng: &mut Random) -> f64 {
@@ -113,9 +81,8 @@ fn logarithmic([low, high]: [f64; 2], rng: &mut Random) -> f64 {
 }
 
 /// Of so many cycles for each of the ring's.
-fn tone(plant: &Plant, ring: &Ring, cycles: [f64; 2], rng: &mut Random) -> Vec<f64> {
-    let frequency_hz = ring.frequency_hz * logarithmic(cycles, rng);
-    let phase_rad = rng.random_range(0.0..TAU);
-    let steady = Ring { frequency_hz, phase_rad, damping_per_s: 0.0, pole_share: 0.0, ..*ring };
-    plant.clean(&steady)
+fn tone([.., frequency_hz]: Ring, cycles: [f64; 2], rng: &mut Random) -> Vec<f64> {
+    let turns = TAU * frequency_hz * logarithmic(cycles, rng) * PERIOD_S;
+    let phase = rng.random_range(0.0..TAU);
+    (0..SAMPLES).map(|k| (turns * k as f64 + phase).cos()).collect()
 }

@@ -1,181 +1,137 @@
 #!/usr/bin/env python3
-"""Calibration from outside, by simulation: where the truth ranks in what is stated of it, in worlds that share inkling's physics or do not.
+"""Certainties and sizes against the truth, in worlds that share inkling's physics or do not.
 
-    python3 tests/outside/calibrated.py --inkling target/release/inkling [--seed 1] [--worlds shared,loss] [--modes labels,3] [--classes]
+    python3 tests/outside/calibrated.py --inkling target/release/inkling [--seed 1] [--worlds shared,loss] [--modes labels,3]
 
-Channels by thesis (2-2), integrated here. Worlds: `shared`; `loss`, a fault adds 15 % to what (2-2) loses; `meniscus`, a spring of 5 % of
-b; `powers`, a blockage goes with other powers of the cross-section; `sizes`, faults do .8 of what their sizes say; `pulse`, 11 us instead of 9;
-`beside`, a slow decay beside the ring; `pink` and `doubled`, as shared, with pink noise (in training, too) or twice that of training. Modes: `labels`, twenty channels a class with sizes;
-`3`, `10`, as many signals; `cold`, healthy labels alone; `own`, as `labels` under names of one's own; `6/9`, of six classes alone.
-Of each: signals of faults named at .8 or more and right of these, expected calibration error of certainties; of those with the right category the share
-that is sized, the share of 50, 80 and 95 % intervals that hold, by which factor all would have to be wider for 95 % to hold, and chi-square over its degrees of freedom
-of the truth's rank in tenths of its stated distribution (of independent signals about 1; these share sizes and channels). `--classes`: each class, too."""
-import argparse, pathlib, subprocess, sys
-from math import erf
+Channels by thesis (2-2), integrated here. Worlds: `shared`; `loss`, a fault adds 15 % to what (2-2) loses; `meniscus`, a
+spring of 5 % of b; `powers`, a blockage goes with other powers of the cross-section; `sizes`, faults do .8 of what their
+sizes say; `pulse`, 11 us instead of 9; `beside`, a slow decay beside the ring; `pink`, as shared, with pink noise. Modes:
+`labels`, twenty channels a class with sizes; `3`, `10`, as many signals; `cold`, healthy labels alone; `own`, as
+`labels` under names of one's own; `6/9`, of six classes alone. Of each: signals of faults named at .8 or more and right
+of these; of those whose best category is right the share that is sized, and the share of 95 % intervals that hold.
+"""
 import numpy as np
 from scipy.linalg import expm
-sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
-import run as O
-from rec import Rec, write, times, CACHE
+from lab import CATEGORIES, DAY, EPOCH, HEADER, Lab, Rec, asked, written
 
 N, DT, NOISE, CHANNELS, BURSTS = 128, .78125, 17.6, 60, 400
-RATES, HALF = np.array([.056, .111, .016, .080]), np.array([.004, .004, .03, .04])
+RATES, HALF = np.array([.056, .111, .016, .080]), np.array([.004, .004, .03, .04])  # a, b, g, d; half-widths, relative
 RANGES = {"EC": (.1, .5), "AB1": (.05, .4), "AB2": (.1, .8), "AB3": (1.2, 5), "PBN": (.05, .7), "BN": (.82, .98),
           "SDN": (1.1, 1.4), "IDN": (1.5, 1.95), "DDN": (2.1, 5)}
-KINDS = list(RANGES)
-CATEGORY = dict(E="empty_channel", B="blocked_nozzle", P="blocked_nozzle", A="air_bubble")
-WORLDS = ["shared", "loss", "meniscus", "powers", "sizes", "pulse", "beside", "pink", "doubled"]
-MODES = ["labels", "10", "3", "cold", "own", "6/9"]
-UNLABELLED = ["AB2", "BN", "IDN"]
+KINDS, UNLABELLED = list(RANGES), ["AB2", "BN", "IDN"]
 
 
 def faulty(rates, kind, s, world):
-    a, b, g, d = rates.T
+    a, b, g, d = rates
     if world == "sizes":
         s = 1 + .8 * (s - 1) if kind in ("SDN", "IDN", "DDN") else .8 * s
     q = 1 - s
     if world == "powers" and kind in ("PBN", "BN"):
-        return np.stack((a, b * q ** .85, g, d / q ** 1.25), 1)
-    return np.stack({"EC": (a / q, b / q, .3 * g, .3 * d), "AB1": (a, b / q, g, d), "AB2": (a / (1 + s), b / (1 + s), g, d),
-                     "PBN": (a, b * q, g, d / q), "SDN": (a, b, g, d * s)}[dict(AB3="AB2", BN="PBN", IDN="SDN", DDN="SDN").get(kind, kind)], 1)
-
-
-def decays(rates, spring, pulse=9.):
-    a, b, g, d = rates.T
-    A = np.zeros((len(a), 4, 4))
-    A[:, 0, 1] = A[:, 0, 2] = A[:, 3, 2] = 1
-    A[:, 1, 0], A[:, 1, 1], A[:, 2, 0], A[:, 2, 2], A[:, 2, 3] = -a, -g, -b, -d, -spring * b
-    x = np.zeros((len(a), 4, 1))
-    x[:, 0] = 1
-    x = expm(A * 6.) @ (x - expm(A * pulse) @ x)
-    step, y = expm(A * DT), np.empty((len(a), N))
-    for k in range(N):
-        y[:, k] = (x[:, 1] + x[:, 2])[:, 0]
-        x = step @ x
-    return y
+        return np.array([a, b * q ** .85, g, d / q ** 1.25])
+    law = dict(EC=(a / q, b / q, .3 * g, .3 * d), AB1=(a, b / q, g, d), AB2=(a / (1 + s), b / (1 + s), g, d),
+               PBN=(a, b * q, g, d / q), SDN=(a, b, g, d * s))
+    return np.array(law[dict(AB3="AB2", BN="PBN", IDN="SDN", DDN="SDN").get(kind, kind)])
 
 
 class World:
-    def __init__(self, name, seed):
-        self.name, self.rng = name, np.random.default_rng([seed, 5])
+    def __init__(self, name, lab):
+        self.name, self.lab, self.rng = name, lab, np.random.default_rng([lab.seed, 5])
         self.own = RATES * (1 + self.rng.uniform(-1, 1, (CHANNELS, 4)) * HALF)
-        self.gain = 400 / np.abs(self.rings(RATES[None])).max() * (1 + .025 * self.rng.uniform(-1, 1, CHANNELS))
+        self.gain = 400 / np.abs(self.ring(RATES)).max() * (1 + .025 * self.rng.uniform(-1, 1, CHANNELS))
 
-    def rings(self, rates):
-        y = decays(rates, .05 * (self.name == "meniscus"), 11. if self.name == "pulse" else 9.)
-        slow = np.exp(-.012 * DT * np.arange(N)) * np.abs(y).max(1, keepdims=True)
-        return y + .08 * slow * (self.name == "beside")
+    def ring(self, rates):
+        (a, b, g, d), spring, pulse = rates, .05 * (self.name == "meniscus"), 11. if self.name == "pulse" else 9.
+        # volume in the chamber, flows through restrictor and nozzle, volume at the meniscus
+        A = np.array([[0, 1, 1, 0], [-a, -g, 0, 0], [-b, 0, -d, -spring * b], [0, 0, 1, 0]])
+        x = np.array([1., 0, 0, 0])
+        x = expm(A * 6.) @ (x - expm(A * pulse) @ x)
+        step, y = expm(A * DT), np.empty(N)
+        for k in range(N):
+            y[k] = x[1] + x[2]
+            x = step @ x
+        return y + (self.name == "beside") * .08 * np.abs(y).max() * np.exp(-.012 * DT * np.arange(N))
 
-    def noise(self, shape, kind):
-        white = self.rng.standard_normal(shape) * NOISE * (2 if kind == "doubled" else 1)
-        if kind != "pink":
+    def noise(self, shape):
+        white = self.rng.standard_normal(shape) * NOISE
+        if self.name != "pink":
             return white
         f = np.fft.rfftfreq(2 * N)
         f[0] = f[1]
         long = np.fft.irfft(np.fft.rfft(self.rng.standard_normal(shape[:-1] + (2 * N,))) / np.sqrt(f))[..., :N]
         return long * NOISE / long.std()
 
-    def recording(self, night, kind, faults):
+    def recording(self, night, faults):
         """`faults`: (channel, bursts, class, size)"""
-        y = np.repeat((self.rings(self.own) * self.gain[:, None])[None], BURSTS, 0)
-        for ch, at, name, s in faults:
-            rates = faulty(self.own[ch:ch + 1], name, s, self.name)
-            lost = np.tanh(np.abs(np.log(rates / self.own[ch])).max() / .3) * (self.name == "loss")
-            y[at, ch] = self.rings(rates * (1 + .15 * lost * np.array([0, 0, 1, 1])))[0] * self.gain[ch]
+        y = np.repeat((np.stack([self.ring(own) for own in self.own]) * self.gain[:, None])[None], BURSTS, 0)
+        for channel, at, kind, size in faults:
+            rates = faulty(self.own[channel], kind, size, self.name)
+            lost = np.tanh(np.abs(np.log(rates / self.own[channel])).max() / .3) * (self.name == "loss")
+            y[at, channel] = self.ring(rates * (1 + .15 * lost * np.array([0, 0, 1, 1]))) * self.gain[channel]
         y = y * (1 + .004 * self.rng.standard_normal((BURSTS, CHANNELS, 1)))
-        raw = np.rint(y + self.noise(y.shape, kind)).astype("<i2")
-        r = Rec("p", raw, times(BURSTS, .1, night), np.zeros(raw.shape[:2], np.int8))
-        r.period = DT * 1e-6
-        return r
+        rec = Rec(self.lab.work / f"{self.name}-{night}.mcap", EPOCH + night * DAY + np.arange(BURSTS) * 100_000_000, None)
+        written(rec.path, rec.t, np.rint(y + self.noise(y.shape)).astype("<i2"), DT)
+        return rec
 
     def faults(self, step):
-        """each class on two channels, another size every `step` bursts of the second half"""
+        """Each class on two channels, another size every `step` bursts of the second half."""
         out = []
         for j, at in enumerate(np.arange(BURSTS // 2, BURSTS, step)):
-            for i, name in enumerate(KINDS * 2):
-                low, high = RANGES[name]
-                out.append(((3 * i + 1 + 7 * j) % CHANNELS, slice(at, at + step), name, low + (high - low) * self.rng.random()))
+            for i, kind in enumerate(KINDS * 2):
+                low, high = RANGES[kind]
+                out.append(((3 * i + 1 + 7 * j) % CHANNELS, slice(at, at + step), kind, low + (high - low) * self.rng.random()))
         return out
 
 
-def rows(taught, t, mode):
-    """labels of a mode, one row per fault that was taught"""
-    few, seen, out = int(mode) if mode.isdigit() else None, {}, []
-    for ch, at, name, s in taught:
-        seen[name] = seen.get(name, 0) + 1
+def labels(taught, t, mode):
+    """The rows of a mode for the faults that are taught."""
+    few, seen, rows = int(mode) if mode.isdigit() else None, dict.fromkeys(KINDS, 0), []
+    for channel, at, kind, size in taught if mode != "cold" else ():
+        seen[kind] += 1
         first, end = t[at.start], t[at.stop - 1] + 1
-        known = few is None or seen[name] <= few
-        label = f"{'my-' * (mode == 'own')}{name},{s:.4f}" if known and not (mode == "6/9" and name in UNLABELLED) else "ignore,"
-        if few and known:  # one signal of it
-            out.append(f"p,{ch},{first + 1},{end},ignore,")
+        is_taught = seen[kind] <= few if few else mode != "6/9" or kind not in UNLABELLED
+        state = f"{'my-' * (mode == 'own')}{kind},{size:.4f}" if is_taught else "ignore,"
+        if few and is_taught:  # one signal of it
+            rows.append(f"black-1,{channel},{first + 1},{end},ignore,\n")
             end = first + 1
-        out.append(f"p,{ch},{first},{end},{label}")
-    return [] if mode == "cold" else out
+        rows.append(f"black-1,{channel},{first},{end},{state}\n")
+    return HEADER + "*,*,,,healthy,\n" + "".join(rows)
+
+
+def figures(v, t, asked_for, own):
+    """Shares named, right, sized, held."""
+    kind, size = np.full((BURSTS, CHANNELS), "", object), np.full((BURSTS, CHANNELS), np.nan)
+    for channel, at, name, s in asked_for:
+        kind[at, channel], size[at, channel] = "my-" * own + name, s
+    at = np.searchsorted(t, v["acquired_at"]), v["channel"]
+    category = np.vectorize(lambda kind: kind if own or not kind else CATEGORIES.get(kind[0], "dried_nozzle"), otypes=[object])
+    is_fault, true = kind[at] != "", category(kind[at])
+    named = is_fault & (v["outcome"] == "faulty")
+    right = np.where(v["fault"] == None, v["category"] == true, v["fault"] == kind[at])  # noqa: E711, of each element
+    candidate = category(np.where(v["candidate"] == None, "", v["candidate"]))  # noqa: E711
+    best = is_fault & np.isin(v["outcome"], ["faulty", "undecided"]) & (candidate == true)
+    off = (v["severity"].astype(float) - size[at])[best] / v["severity_sd"].astype(float)[best]
+    sized = np.isfinite(off)
+    return named.sum() / is_fault.sum(), right[named].mean(), sized.mean(), (np.abs(off[sized]) <= 1.96).mean()
 
 
 def main():
-    ap = argparse.ArgumentParser()
-    ap.add_argument("--inkling", required=True)
-    ap.add_argument("--seed", type=int, default=1)
-    ap.add_argument("--worlds", default=",".join(WORLDS))
-    ap.add_argument("--modes", default=",".join(MODES))
-    ap.add_argument("--classes", action="store_true")
-    a = ap.parse_args()
-    binary = pathlib.Path(a.inkling).resolve()
-    work = CACHE / "calibrated" / O.digest_of(binary)
-    work.mkdir(parents=True, exist_ok=True)
-    call = lambda *args: subprocess.run(["nice", str(binary), *map(str, args)], capture_output=True, text=True)
-    print(f"{'world':<10}{'mode':<8}{'named':>7}{'right':>7}{'ece':>7}{'sized':>7}{'.50':>7}{'.80':>7}{'.95':>7}{'wider':>7}{'chi2':>7}")
-    for world in a.worlds.split(","):
-        w = World(world, a.seed)
-        taught, asked = w.faults(20), w.faults(10)
-        recs = [work / f"{world}-{k}.mcap" for k in ("healthy", "faults", "asked")]
-        noise = "pink" if world == "pink" else "white"
-        made = [w.recording(0, noise, []), w.recording(1, noise, taught), w.recording(2, world if world == "doubled" else noise, asked)]
-        for path, rec in zip(recs, made):
-            write(path, rec)
+    worlds, modes = "shared,loss,meniscus,powers,sizes,pulse,beside,pink", "labels,10,3,own,6/9,cold"
+    a = asked(__doc__, worlds=worlds, modes=modes).parse_args()
+    print(f"{'world':<10}{'mode':<8}  named  right  sized  holds")
+    for name in a.worlds.split(","):
+        lab = Lab(a.inkling, a.seed)
+        world = World(name, lab)
+        taught, judged = world.faults(20), world.faults(10)
+        healthy, of_faults, rec = world.recording(0, []), world.recording(1, taught), world.recording(2, judged)
         for mode in a.modes.split(","):
-            csv, design = work / "labels.csv", work / "design.json"
-            csv.write_text("\n".join(["printhead,channel,from,to,state,severity", "*,*,,,healthy,", *rows(taught, made[1].t, mode), ""]))
-            new = [x for k in KINDS if mode == "own" for x in ("--new-class", "my-" + k)]
-            done = call("train", *(recs[:1] if mode == "cold" else recs[:2]), "--labels", csv, *new, "-o", design)
-            assert done.returncode == 0, done.stderr
-            done = call("replay", recs[2], "--design", design, "--identify", "design", "--out", work / "out", "--layout", "flat", "--force")
-            assert done.returncode in (0, 3), done.stderr
-            told(f"{world:<10}{mode:<8}", O.verdicts(work / "out", recs[2].stem), made[2].t, asked, mode == "own", a.classes)
-
-
-def told(head, v, t, asked, own, classes):
-    burst, channel = np.searchsorted(t, O.col(v, "acquired_at")), O.col(v, "channel").astype(int)
-    name, size = np.full((BURSTS, CHANNELS), "", object), np.full((BURSTS, CHANNELS), np.nan)
-    for ch, at, k, s in asked:
-        name[at, ch], size[at, ch] = "my-" * own + k, s
-    name, size = name[burst, channel], size[burst, channel]
-    of = lambda c: O.col(v, c).astype(float)
-    text = lambda c: np.array([x or "" for x in O.col(v, c)], object)
-    category = lambda k: k if own else CATEGORY.get(k[:1], "dried_nozzle")
-    true, faulty = np.array([category(k) for k in name], object), text("outcome") == "faulty"
-    flagged = faulty | (text("outcome") == "undecided")
-    sure, z = of("certainty"), (of("severity") - size) / of("severity_sd")
-    hit = np.where(text("fault") == "", text("category") == true, text("fault") == name)
-    best = flagged & (np.array([category(k) for k in text("candidate")], object) == true)
-    for kind in sorted(set(name) - {""}) if classes else [""]:
-        line(f"{head}{kind}\n{'':<18}" if kind else head, (name == kind) if kind else name != "", faulty, sure, hit, best, z)
-    if classes:
-        line(head, name != "", faulty, sure, hit, best, z)
-
-
-def line(head, of, faulty, sure, hit, best, z):
-    named = of & faulty
-    bins = np.clip((15 * sure[named]).astype(int), 0, 14)
-    off = [(bins == b).sum() * abs((sure - hit)[named][bins == b].mean()) for b in set(bins)]
-    right = of & best
-    z = z[right & np.isfinite(z)]
-    holds = [(np.abs(z) <= q).mean() for q in (.6745, 1.2816, 1.96)] + [np.quantile(np.abs(z), .95) / 1.96] if len(z) else [np.nan] * 4
-    ranks = np.histogram(.5 * (1 + np.vectorize(erf)(z / 2 ** .5)), 10, (0, 1))[0] if len(z) else np.zeros(10)
-    chi2 = ((ranks - len(z) / 10) ** 2).sum() / (len(z) / 10) / 9 if len(z) else np.nan
-    figures = [named.sum() / of.sum(), hit[named].mean() if named.any() else np.nan, sum(off) / max(1, named.sum()), len(z) / max(1, right.sum()), *holds]
-    print(head + "".join(f"{x:>7.3f}" for x in figures) + f"{chi2:>7.1f}", flush=True)
+            csv = lab.work / "labels.csv"
+            csv.write_text(labels(taught, of_faults.t, mode))
+            own = [word for kind in KINDS if mode == "own" for word in ("--new-class", "my-" + kind)]
+            recordings = [healthy.path] if mode == "cold" else [healthy.path, of_faults.path]
+            lab.call("train", *recordings, "--labels", csv, *own, "-o", lab.work / "labels.json")
+            lab.replay([rec], "labels", "design")
+            told = figures(lab.verdicts(rec), rec.t, judged, mode == "own")
+            print(f"{name:<10}{mode:<8}" + "".join(f"{share:>7.3f}" for share in told), flush=True)
 
 
 if __name__ == "__main__":

@@ -153,25 +153,6 @@ fn hostile_names_cannot_inject_markup() {
             assert!(!page.contains(bad), "{name}: {bad} is in the page");
         }
         assert_eq!(page.matches("<style>").count(), 1);
-        only_our_markup(&page);
-    }
-}
-
-/// Checks that every tag is one that this page or a figure consists of, and that no attribute can run
-/// anything.
-fn only_our_markup(page: &str) {
-    const TAGS: &str = "!doctype html head meta title style body h1 h2 span p table tr th td b br ul li pre \
-                        code details summary svg g text tspan div rect line polyline polygon circle path defs";
-    for tag in page.split('<').skip(1) {
-        let inside = tag.split('>').next().unwrap();
-        let name = inside.trim_start_matches('/').split([' ', '\n', '/']).next().unwrap();
-        assert!(TAGS.split_whitespace().any(|t| t == name), "<{inside}> is none of our tags");
-        // what stands between quotes is text; what stands outside them are names of attributes
-        for outside in inside.split('"').step_by(2) {
-            for word in outside.split_whitespace().skip(usize::from(outside == inside)) {
-                assert!(!word.trim_start_matches('/').starts_with("on"), "<{inside}> acts");
-            }
-        }
     }
 }
 
