@@ -169,11 +169,10 @@ impl Report {
         let rates = rates(&survey, &false_alarms);
         let faults = |head: &survey::Head| {
             let moved = head_changes::Movements::of(head, sources);
-            let stories =
-                head.watches.iter().map(|of| stories(head, of, &moved, &rates, acknowledged));
-            let mut stories: Vec<Vec<Story>> = stories.collect();
-            end_at_once(&mut stories, head.channels.len());
-            stories.into_iter().flat_map(|of| Fault::of_channel(of, &settings)).collect::<Vec<_>>()
+            let at_once = ends_at_once(head);
+            let stories = |of: &Watch| stories(head, of, (&moved, &at_once), &rates, acknowledged);
+            let of_channel = |of: &Watch| Fault::of_channel(stories(of), &settings);
+            head.watches.iter().flat_map(of_channel).collect::<Vec<_>>()
         };
         let mut faults: Vec<Fault> = survey.heads.iter().flat_map(faults).collect();
         fault::sort(&mut faults);
@@ -226,12 +225,12 @@ impl Report {
     }
 }
 
-/// The stories of a channel: of what it was before each time at which it, or its printhead, was replaced, and of what it is
-/// now.
+/// The stories of a channel: of what it was before each time at which it, or its printhead, was replaced, of what ended on
+/// most channels at once, and of what it is now.
 fn stories(
     head: &survey::Head,
     watch: &Watch,
-    moved: &head_changes::Movements,
+    (moved, at_once): (&head_changes::Movements, &BTreeSet<i64>),
     rates: &Rates,
     acknowledged: &Acknowledged,
 ) -> Vec<Story> {
@@ -242,14 +241,18 @@ fn stories(
     let first = &watch.spells[0].episode;
     let heard_ns = head.latest().and_then(|(_, of)| of.span).map_or(i64::MIN, |(_, to_ns)| to_ns);
     let (mut all, mut rest) = (Vec::new(), Some(watch.clone()));
-    let mut others_ns = acknowledged.replaced_ns(&first.printhead, first.channel, heard_ns);
-    others_ns.extend(&moved.swapped_ns);
-    others_ns.sort_unstable();
-    for at_ns in others_ns {
+    let others_ns = acknowledged.replaced_ns(&first.printhead, first.channel, heard_ns);
+    let others_ns = others_ns.into_iter().chain(moved.swapped_ns.iter().copied());
+    let ends = watch.spells.iter().filter_map(|of| of.episode.ended_at_ns);
+    let shared_ns = ends.filter(|end_ns| at_once.contains(end_ns)).map(|end_ns| (end_ns, None));
+    let mut divisions: Vec<(i64, Option<i64>)> =
+        others_ns.map(|at_ns| (at_ns, Some(at_ns))).chain(shared_ns).collect();
+    divisions.sort_unstable();
+    for (at_ns, replaced_at_ns) in divisions {
         let Some(watch) = rest.take() else { break };
         let [before, after] = watch.divided(at_ns, ends_ns);
         let gone = before.iter().flat_map(|watch| story::stories(watch, rates));
-        all.extend(gone.map(|story| Story { replaced_at_ns: Some(at_ns), ..story }));
+        all.extend(gone.map(|story| Story { replaced_at_ns, ..story }));
         rest = after;
     }
     all.extend(rest.iter().flat_map(|watch| story::stories(watch, rates)));
@@ -264,18 +267,15 @@ fn stories(
     all
 }
 
-/// What ends on most channels of a printhead in the same burst, an amplifier that was off say, is no fault of each of them,
-/// and is not expected back.
-fn end_at_once(stories: &mut [Vec<Story>], channels: usize) {
+/// The times at which episodes of most of a printhead's channels end in the same burst: an amplifier that was off, say, is no
+/// fault of each of them, is not expected back, and is not the beginning of a later one.
+fn ends_at_once(head: &survey::Head) -> BTreeSet<i64> {
     let mut ends: BTreeMap<i64, usize> = BTreeMap::new();
-    for end_ns in stories.iter().filter_map(|of| of.last()?.ended_at_ns) {
-        *ends.entry(end_ns).or_default() += 1;
+    for spell in head.watches.iter().flat_map(|of| &of.spells) {
+        spell.episode.ended_at_ns.into_iter().for_each(|ns| *ends.entry(ns).or_default() += 1);
     }
-    for story in stories.iter_mut().filter_map(|of| of.last_mut()) {
-        if story.ended_at_ns.is_some_and(|end_ns| 2 * ends[&end_ns] > channels.max(FEWEST)) {
-            story.cures = 0;
-        }
-    }
+    let is_of_most = |channels: &usize| 2 * channels > head.channels.len().max(FEWEST);
+    ends.into_iter().filter(|(_, n)| is_of_most(n)).map(|(end_ns, _)| end_ns).collect()
 }
 
 /// The rates over all channels, against which `story` weighs the bursts of one channel.

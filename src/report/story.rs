@@ -105,8 +105,7 @@ pub struct Story {
     /// Number of recordings that hold an episode of the fault.
     pub recordings: u32,
     pub spells: Vec<Spell>,
-    /// How often the channel was cured between the story's episodes; 0 where the last one ended on most channels of its
-    /// printhead at once.
+    /// How often the channel was cured between the story's episodes.
     pub cures: u32,
     /// Onset of the first episode after the last cure.
     pub last_began_at_ns: i64,
