@@ -201,7 +201,7 @@ fn chapter_4_lands_in_its_bands() {
         ("fig_3-5_one_signal", "R phi", 128),
         ("fig_3-5_weights", "phi", 9),
         ("fig_4-1_damping", "healthy", 2475),
-        ("fig_4-1_amplitude_damping_zoom", "healthy", 2475),
+        ("fig_4-1_amplitude_damping", "healthy", 2475),
         ("fig_4-2_damping", "healthy", 48),
         ("fig_4-3_energies", "SDN", 225),
         ("fig_4-4_energies_drying", "DDN", 60),

@@ -37,9 +37,6 @@ pub struct Args {
     /// Settings file: how the recordings are read
     #[arg(long, value_name = "FILE", requires = "recordings")]
     config: Option<PathBuf>,
-    /// The threshold is this times the largest residual energy of the healthy signals (thesis 3-4) [default: 1]
-    #[arg(long, value_name = "MU", requires = "recordings", value_parser = factor)]
-    mu: Option<f64>,
     /// Directory for tables and figures
     #[arg(short, long, value_name = "DIR")]
     out: PathBuf,
@@ -49,19 +46,10 @@ pub struct Args {
     /// The first of them [default: 1]
     #[arg(long, value_name = "SEED", conflicts_with = "recordings")]
     seed: Option<u64>,
-    /// Seeds or parts at a time; 0: the machine's cores
-    #[arg(long, value_name = "N", default_value_t = 0)]
-    threads: usize,
 }
 
 /// Default number of seeds.
 const SEEDS: u64 = 5;
-
-/// Reads the factor mu of the threshold, thesis (3-4): above 0 and below 1e6.
-fn factor(text: &str) -> Result<f64, String> {
-    let is_one = |mu: &f64| *mu > 0.0 && *mu < 1e6;
-    text.parse().ok().filter(is_one).ok_or_else(|| "give more than 0 and less than 1e6".into())
-}
 
 /// Runs the verb: checks the places, computes the chapter, writes and tells it.
 pub fn run(args: Args) -> Result<Exit, Failure> {
@@ -69,10 +57,7 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     outputs::check_files(&args.out, files)?;
     let again = outputs::is_earlier(&args.out.join("tables.json"), ResultFile::Chapter);
     outputs::check_beside(&args.out, "fig_", again)?;
-    let threads = match args.threads {
-        0 => inkling_core::side_by_side::cores(),
-        n => n.min(1024),
-    };
+    let threads = inkling_core::side_by_side::cores();
     let (chapter, recorded, exit) = match &args.labels {
         None => (simulated(&args, threads)?, None, Exit::Done),
         Some(labels) => {
@@ -115,7 +100,7 @@ fn recorded(args: &Args, labels: &std::path::Path) -> Result<(Recorded, Exit), F
             return Err(Failure::usage(format!("{path}: {what}")));
         }
     }
-    let recorded = Recorded::new(&set, args.mu.unwrap_or(1.0)).map_err(Failure::new)?;
+    let recorded = Recorded::new(&set).map_err(Failure::new)?;
     Ok((recorded, if incomplete { Exit::Incomplete } else { Exit::Done }))
 }
 

@@ -36,7 +36,8 @@ const MOST_OF_A_CLASS: usize = 1_000;
 /// Largest number of parts that recordings are divided into.
 const MOST_FOLDS: usize = 5;
 
-/// The factors mu of (3-4) that thesis §4-2 takes for its simulated data, and for its experiment.
+/// The factors mu of (3-4) that thesis §4-2 takes for its simulated data, which recordings have, too, and for its
+/// experiment.
 const MU: f64 = 1.0;
 const MU_OF_DRYING: f64 = 2.0;
 
@@ -205,10 +206,9 @@ pub struct Recorded {
 type Place = (String, u32);
 
 impl Recorded {
-    /// Divides recorded signals into parts by channel. `mu`: the factor of (3-4). Fails unless healthy
-    /// signals and at least two fault classes remain that can be learned and tested on different
-    /// channels.
-    pub fn new(set: &TrainingSet, mu: f64) -> Result<Recorded, ThesisError> {
+    /// Divides recorded signals into parts by channel. Fails unless healthy signals and at least two fault
+    /// classes remain that can be learned and tested on different channels.
+    pub fn new(set: &TrainingSet) -> Result<Recorded, ThesisError> {
         // the channels of each state, and the fold of each channel, whatever its states
         let (few, mut left_out) = fewer(set);
         let mut channels: BTreeMap<&str, BTreeSet<Place>> = BTreeMap::new();
@@ -260,7 +260,7 @@ impl Recorded {
             learn: part_of(&|fold| fold != k),
             test: part_of(&|fold| fold == k),
             calibration: None,
-            mu,
+            mu: MU,
         };
         let folds: BTreeSet<usize> = fold_of.values().copied().collect();
         let all = folds.len();
@@ -363,7 +363,7 @@ mod tests {
                 add(&mut set, state, &[channel as f32, time as f32], channel);
             }
         }
-        let Recorded { parts, left_out } = Recorded::new(&set, 1.0).unwrap();
+        let Recorded { parts, left_out } = Recorded::new(&set).unwrap();
         assert!(left_out.len() == 1 && left_out[0].starts_with("AB1"), "{left_out:?}");
         let (mut tested, mut classes) = (BTreeSet::new(), BTreeMap::new());
         for part in &parts {
@@ -381,14 +381,14 @@ mod tests {
         let one = set.with(|state, _, s| {
             (0..s.len()).filter(|_| state == HEALTHY || state == "BN").collect()
         });
-        assert!(Recorded::new(&one, 1.0).err().unwrap().to_string().contains("two fault classes"));
+        assert!(Recorded::new(&one).err().unwrap().to_string().contains("two fault classes"));
         // three classes on two of three channels each: two parts could not hold them all, so there must be
         // three
         let mut few = TrainingSet { samples: 2, sample_period_s: 1e-6, ..TrainingSet::default() };
         for (state, two) in [("EC", [1, 3]), ("BN", [1, 2]), ("DDN", [2, 3]), (HEALTHY, [1, 2])] {
             two.into_iter().for_each(|channel| add(&mut few, state, &[0.0; 2], channel));
         }
-        let Recorded { parts, left_out } = Recorded::new(&few, 1.0).unwrap();
+        let Recorded { parts, left_out } = Recorded::new(&few).unwrap();
         assert!(parts.len() == 3 && left_out.is_empty(), "{left_out:?}");
     }
 }
