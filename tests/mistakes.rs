@@ -102,9 +102,8 @@ const MISTAKES: &[(&str, i32, &str)] = &[
     (
         "identify {T} --labels {L} -o d.json --set detect.oscillations=7",
         2,
-        "has no effect here, on `inkling identify` without --detectability",
+        "has no effect here, on `inkling identify`",
     ),
-    ("identify {T} --labels {L} -o d.json --detectability --set detect.mu=2", 2, "--detectability"),
     // and those that can
     ("replay {R} --design {D} --out o --dry-run --set isolate.certainty=.9", 0, ""),
     ("replay {R} --design {D} --out o --dry-run --set detect.false_alarm_rate=7e-4", 0, ""),
@@ -122,7 +121,6 @@ const MISTAKES: &[(&str, i32, &str)] = &[
     ("replay {R} --threads 2 --set replay.threads=1", 2, "--threads says that already"),
     ("replay {R} --identify design --set identify.mode=windows", 2, "--identify says that already"),
     ("convert {L} -o d.mcap --temperature nan", 2, "give a finite number"),
-    ("identify {T} -o m.json --plot m.json", 2, "--out has that name"),
     ("train {T} --labels {L} -o d.json --new-class {none}", 2, "an empty name is none"),
     ("replay {E}", 1, "not an MCAP file"),
     ("replay {none}", 2, "an empty name is no file"),

@@ -22,8 +22,7 @@ pub enum Command<'a> {
     /// settings, and only a design can have fault classes to name.
     Replay(Option<&'a Design>),
     Train,
-    /// Whether it also computes which faults could be detected (`--detectability`), and so reads some of `[detect]`.
-    Identify(bool),
+    Identify,
     Critique,
 }
 
@@ -33,8 +32,7 @@ impl Command<'_> {
             Command::Replay(None) => "`inkling replay` without --design",
             Command::Replay(Some(_)) => "`inkling replay` by this design",
             Command::Train => "`inkling train`",
-            Command::Identify(false) => "`inkling identify` without --detectability",
-            Command::Identify(true) => "`inkling identify --detectability`",
+            Command::Identify => "`inkling identify`",
             Command::Critique => "`inkling critique`",
         }
     }
@@ -44,7 +42,7 @@ impl Command<'_> {
         match self {
             Command::Replay(by) => by.is_some_and(|design| !design.class_names().is_empty()),
             Command::Train | Command::Critique => true,
-            Command::Identify(_) => false,
+            Command::Identify => false,
         }
     }
 }
@@ -54,104 +52,87 @@ impl Command<'_> {
 /// their `[detect]` is the design's if there is a design.
 pub fn check(set: &[String], settings: &Settings, command: Command) -> Result<(), Failure> {
     let mut unread = keys(set).filter_map(|key| Some((unread(&key, settings, command)?, key)));
-    let Some((decide, key)) = unread.next() else { return Ok(()) };
-    let all = serde_json::to_value(settings).unwrap_or_default();
-    let value = |key: &str| all.pointer(&format!("/{}", key.replace('.', "/"))).cloned();
-    let each = |key: &&str| format!("{key} = {}", value(key).unwrap_or_default());
-    let with = decide.iter().map(each).collect::<Vec<_>>().join(" and ");
-    let command = command.in_words();
-    let what = match decide.is_empty() {
-        true => format!("on {command}: leave it out"),
-        false => format!("on {command} with {with}: leave it out, or change that"),
+    let Some((by, key)) = unread.next() else { return Ok(()) };
+    let (all, command) = (serde_json::to_value(settings).unwrap_or_default(), command.in_words());
+    let what = match by {
+        None => format!("on {command}: leave it out"),
+        Some(by) => {
+            let value = all.pointer(&format!("/{}", by.replace('.', "/"))).unwrap_or_default();
+            format!("on {command} with {by} = {value}: leave it out, or change that")
+        }
     };
     Err(Failure::usage(format!("--set {key}: has no effect here, {what}")))
 }
 
-/// `None`: the command reads the key. Else the settings of which another value would have it read; none if the
+/// `None`: the command reads the key. Else the setting of which another value would have it read; none if the
 /// command or the design alone decides. The order of the cases matters: the first that fits decides, and the
 /// last ones are what is left of a section or of a command.
-fn unread(key: &str, settings: &Settings, command: Command) -> Option<&'static [&'static str]> {
+fn unread(key: &str, settings: &Settings, command: Command) -> Option<Option<&'static str>> {
     use Command::{Identify, Replay, Train};
     use Denominator::{Eigenvalues, Resonance};
-    use IsolateMethod::{ModelMatching, Neighbours, Posterior, ResidualMatching};
-    const NO_SETTING: &[&str] = &[];
-    const BY_ISOLATION: &[&str] = &["isolate.method"];
-    const BY_DENOMINATOR: &[&str] = &["detect.denominator"];
-    let unless = |is_read: bool, decide| (!is_read).then_some(decide);
+    use IsolateMethod::{Neighbours, Posterior, ResidualMatching};
+    const NEVER: Option<Option<&str>> = Some(None);
+    let unless = |is_read: bool, by: &'static str| (!is_read).then_some(Some(by));
     // `section.name` decides, whatever follows it (`isolate.priors.SDN`); the name is empty where the key is
     // a whole section
     let (section, rest) = key.split_once('.').unwrap_or((key, ""));
     let name = rest.split('.').next().unwrap_or_default();
     let (isolate, detect) = (settings.isolate.method, &settings.detect);
     let by_max = detect.threshold == ThresholdMethod::Max;
+    let is_sensitivity = detect.method == DetectMethod::Sensitivity;
     match (section, name, command) {
-        ("isolate", _, _) if !command.names() => Some(NO_SETTING),
+        ("isolate", _, _) if !command.names() => NEVER,
         // A replay has what came of these in its design; it compares `isolate.classes` with the design's itself.
         (
             "isolate",
-            "matching_share" | "pulse_s" | "waveform" | "delay_s" | "guess_sd"
-            | "unlabelled_classes" | "physics",
+            "pulse_s" | "waveform" | "delay_s" | "guess_sd" | "unlabelled_classes" | "physics",
             Replay(_),
-        ) => Some(NO_SETTING),
+        ) => NEVER,
         ("isolate", "signal", Replay(_)) => {
-            unless(matches!(isolate, ResidualMatching | Neighbours), BY_ISOLATION)
+            unless(matches!(isolate, ResidualMatching | Neighbours), "isolate.method")
         }
-        ("isolate", "neighbours", Replay(_)) => unless(isolate == Neighbours, BY_ISOLATION),
-        ("isolate", "priors", Replay(_)) => unless(isolate == Posterior, BY_ISOLATION),
-        ("isolate", "matching_share", Train) => unless(isolate == ModelMatching, BY_ISOLATION),
-        ("isolate", "waveform" | "pulse_s" | "delay_s", Train) => {
-            unless(isolate == Posterior, BY_ISOLATION)
+        ("isolate", "neighbours", Replay(_)) => unless(isolate == Neighbours, "isolate.method"),
+        ("isolate", "priors", Replay(_))
+        | ("isolate", "waveform" | "pulse_s" | "delay_s", Train) => {
+            unless(isolate == Posterior, "isolate.method")
         }
         // What only judging reads is accepted in training, so that all three commands can be given the same --set.
         ("isolate", ..) => None,
 
-        (
-            "detect",
-            "oscillations"
-            | "oscillations_of_ring"
-            | "other_poles_per_s"
-            | "false_alarm_rate"
-            | "confidence",
-            Identify(detects),
-        ) => unless(detects, NO_SETTING),
-        ("detect", _, Identify(_)) => Some(NO_SETTING),
+        ("detect", _, Identify) => NEVER,
         // with a design `replay` itself compares these settings with the design's, and accepts equal ones
         ("detect", _, Replay(Some(_))) => None,
         // Without labelled faults no filter can be learned from them. A filter then serves detection alone; in
         // training its residuals can also serve isolation, whatever detects.
-        ("detect", "denominator", Replay(_)) => unless(detect.denominator == Resonance, NO_SETTING),
+        ("detect", "denominator", Replay(_)) if detect.denominator != Resonance => NEVER,
         ("detect", "oscillations" | "oscillations_of_ring" | "other_poles_per_s", Replay(_))
-            if detect.method == DetectMethod::Sensitivity =>
+            if is_sensitivity =>
         {
-            Some(&["detect.method"])
+            Some(Some("detect.method"))
         }
         ("detect", "oscillations" | "oscillations_of_ring", _) => {
-            unless(detect.denominator != Eigenvalues, BY_DENOMINATOR)
+            unless(detect.denominator != Eigenvalues, "detect.denominator")
         }
         // this filter is not made for one fault
-        ("detect", "fault", _) => unless(detect.denominator != Resonance, BY_DENOMINATOR),
-        ("detect", "mu", _) => unless(by_max, &["detect.threshold"]),
-        ("detect", "false_alarm_rate" | "confidence", _) => unless(!by_max, &["detect.threshold"]),
+        ("detect", "fault", _) => unless(detect.denominator != Resonance, "detect.denominator"),
+        ("detect", "mu", _) => unless(by_max, "detect.threshold"),
+        ("detect", "false_alarm_rate" | "confidence", _) => unless(!by_max, "detect.threshold"),
         ("detect", ..) => None,
 
         // With --baseline what channels have in common is followed anyway. A common change is measured along the
         // sensitivities of the ring, and an extension's decay and covariates may hold it already. `false` only says
         // what then happens anyway, and passes.
-        ("identify", "common_change", Replay(_)) if !settings.input.baseline.is_empty() => {
-            Some(&["input.baseline"])
-        }
-        ("identify", "common_change", Replay(_)) if !settings.identify.common_change => None,
-        ("identify", "common_change", Replay(Some(design))) if design.extension.is_some() => {
-            Some(NO_SETTING)
-        }
-        ("identify", "common_change", Replay(_)) => {
-            unless(detect.method == DetectMethod::Sensitivity, &["detect.method"])
-        }
-        ("output", "weights", Replay(_)) => unless(command.names(), NO_SETTING),
+        ("identify", "common_change", Replay(design)) => match settings.input.baseline.as_str() {
+            "" if !settings.identify.common_change => None,
+            "" if design.is_some_and(|of| of.extension.is_some()) => NEVER,
+            "" => unless(is_sensitivity, "detect.method"),
+            _ => Some(Some("input.baseline")),
+        },
+        ("output", "weights", Replay(_)) if !command.names() => NEVER,
         (_, _, Replay(_)) => None,
         ("input", "" | "rails" | "dialect", _) => None,
         ("identify", "" | "grey_box" | "geometry", _) => None,
-        ("identify", "least_agreeing", Identify(_)) => None,
-        _ => Some(NO_SETTING),
+        ("identify", "least_agreeing", Identify) => None,
+        _ => NEVER,
     }
 }

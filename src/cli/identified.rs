@@ -1,28 +1,22 @@
 //! The result of `inkling identify` for one printhead. In: the printhead's healthy signals,
-//! channels and bursts together. Out: an [`Identified`], which `identify` writes as JSON, prints,
-//! and draws.
+//! channels and bursts together. Out: an [`Identified`], which `identify` writes as JSON and prints.
 //!
 //! The steps ([`Identified::of`]): the healthy signals are chosen and averaged (thesis Fig. 3-2);
 //! rates and acquisition state are fitted to the average (thesis (3-1)); what the fit leaves is
 //! tested for whiteness; and with a geometry the individual parameters of thesis (2-3)..(2-5)
 //! follow. All computing is done in `inkling_core::identify`.
 
-use super::exit::Failure;
 use super::report::printable;
-use crate::settings::{IdentifySettings, Settings};
-use inkling_core::design::{DesignError, Detectability, TrainingSet};
+use crate::settings::IdentifySettings;
+use inkling_core::design::TrainingSet;
 use inkling_core::identify::IdentifyError;
 use inkling_core::identify::SignalSet;
 use inkling_core::identify::averaging;
 use inkling_core::identify::grey_box::{self, Identification};
 use inkling_core::identify::whiteness::{self, Whiteness};
 use inkling_core::model::Geometry;
-use inkling_lab::plot::{Figure, Mark, Series};
 use serde::Serialize;
-use std::borrow::Cow;
-use std::collections::BTreeSet;
 use std::io::Write;
-use std::path::Path;
 
 /// Number of parameters that (3-1) fits to an average; the whiteness test takes off as many degrees
 /// of freedom.
@@ -47,17 +41,6 @@ pub struct Identified<'a> {
     whiteness: Option<Whiteness>,
     /// The individual parameters; `None`: the settings give no geometry.
     physical: Option<Physical>,
-    /// Which faults could be found; only with `--detectability`.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    detectability: Option<Detectability>,
-    /// The signals of the average.
-    #[serde(skip)]
-    healthy: Cow<'a, SignalSet>,
-    /// The average, and the signal of the model that was fitted to it; N samples each, counts.
-    #[serde(skip)]
-    average: Vec<f64>,
-    #[serde(skip)]
-    simulated: Vec<f64>,
 }
 
 impl<'a> Identified<'a> {
@@ -67,7 +50,7 @@ impl<'a> Identified<'a> {
     /// (sampling, drive).
     pub fn of(
         printhead: &'a str,
-        signals: &'a SignalSet,
+        signals: &SignalSet,
         labelled: bool,
         set: &TrainingSet,
         settings: &IdentifySettings,
@@ -90,21 +73,7 @@ impl<'a> Identified<'a> {
             whiteness: whiteness::whiteness(&misfit, FITTED),
             physical: settings.geometry.map(|g| Physical::of(&fit, &g)),
             identification: fit,
-            detectability: None,
-            healthy,
-            average: mean.y,
-            simulated,
         })
-    }
-
-    /// Also looks which faults an FD filter of method I (thesis §3-2-1) could find
-    /// (`--detectability`).
-    pub fn detect(&mut self, settings: &Settings) -> Result<(), DesignError> {
-        let (grey_box, detect) = (&settings.identify.grey_box, &settings.detect);
-        let (fit, dt_s) = (&self.identification, self.sample_period_s);
-        let found = Detectability::of(fit, &self.healthy, dt_s, grey_box, detect)?;
-        self.detectability = Some(found);
-        Ok(())
     }
 
     /// Prints the identification: rates with 95 % intervals, how the search ended, whether the misfit is
@@ -147,59 +116,8 @@ impl<'a> Identified<'a> {
                 writeln!(out, "  {what}: {item}")?;
             }
         }
-        self.physical.iter().try_for_each(|physical| physical.print(out))?;
-        self.detectability.iter().try_for_each(|found| print_detectable(found, out))
+        self.physical.iter().try_for_each(|physical| physical.print(out))
     }
-
-    /// Draws measured against simulated signal, as in Fig. 3-3 of the thesis. `names`: the names of
-    /// the figures drawn before, which this one's is added to.
-    pub fn plot(&self, dir: &Path, names: &mut BTreeSet<String>) -> Result<(), Failure> {
-        std::fs::create_dir_all(dir)
-            .map_err(|e| Failure::new(format!("{}: {e}", dir.display())))?;
-        let (name, percent) = (printable(self.printhead), self.identification.fit_percent);
-        let title =
-            format!("{name}: the identified model fits {percent:.2} % of the average signal");
-        let dt_s = self.sample_period_s;
-        let series = vec![
-            Series::over_time("measured, average", Mark::Points, &self.average, dt_s),
-            Series::over_time("simulated", Mark::Line, &self.simulated, dt_s),
-        ];
-        let figure = Figure::over_time(title, "sensor signal, counts", series);
-        let name = figure_name(self.printhead, names);
-        figure.write(dir, &format!("identify_{name}")).map_err(Failure::new)
-    }
-}
-
-/// What a printhead is called in the name of its figure: a name may hold characters that a file
-/// name cannot, and be too long. Where an earlier figure is called so already, a number is added.
-/// `names`: the earlier ones, in lower case, as some file systems know no other; the new one is
-/// added.
-fn figure_name(printhead: &str, names: &mut BTreeSet<String>) -> String {
-    let safe = |c: char| if c.is_alphanumeric() || c == '-' { c } else { '_' };
-    let safe: String = printhead.chars().map(safe).take(80).collect();
-    let numbered = (2..).map(|number| format!("{safe}_{number}"));
-    let mut all = std::iter::once(safe.clone()).chain(numbered);
-    all.find(|name| names.insert(name.to_lowercase())).unwrap_or_default()
-}
-
-/// Prints which filters there are, at which frequencies they are blind, and which faults they could find.
-fn print_detectable(found: &Detectability, out: &mut impl Write) -> std::io::Result<()> {
-    let Detectability { degree, nullity, blind_hz, promise, .. } = found;
-    writeln!(out, "  filters of degree {degree} that a healthy signal does not excite: {nullity}")?;
-    if blind_hz.is_empty() {
-        writeln!(out, "  blind at no frequency")?;
-    }
-    for [from, to] in blind_hz {
-        match to > from {
-            true => writeln!(out, "  blind from {from:.0} to {to:.0} Hz")?,
-            false => writeln!(out, "  blind at {from:.0} Hz")?,
-        }
-    }
-    if let Some(promise) = promise {
-        return crate::report::print_promise(promise, inkling_io::printable::line, out);
-    }
-    let why = "these signals are too few to tell how channels differ";
-    writeln!(out, "  how small a fault would be found: {why}")
 }
 
 /// The individual parameters of thesis (2-3)..(2-5). One decay gives only ratios of these
@@ -248,20 +166,5 @@ impl Physical {
         line("R_n", self.nozzle_resistance_pa_s_per_m3, "Pa s/m³")?;
         line("B_t", self.compliance_m3_per_pa, "m³/Pa")?;
         writeln!(out, "  these rest on {}", self.rests_on)
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn no_two_printheads_have_one_figure() {
-        let mut names = BTreeSet::new();
-        let long = "k".repeat(80);
-        let heads = ["a/b", "a_b", "A_B", "a_b_2", &format!("{long}1"), &format!("{long}2")];
-        let called = heads.map(|head| figure_name(head, &mut names));
-        let second = format!("{long}_2");
-        assert_eq!(called, ["a_b", "a_b_2", "A_B_3", "a_b_2_2", &long, &second]);
     }
 }

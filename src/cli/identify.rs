@@ -1,9 +1,8 @@
 //! `inkling identify`: grey-box identification by thesis (3-1) alone, and which parameters are identifiable.
 //!
 //! In: recordings, labels if there are any, and the settings `identify.grey_box` and
-//! `identify.geometry`. Out: the file of models (JSON, one entry per printhead), text on stdout,
-//! and figures with `--plot`. What is done for one printhead stands in `identified`; here the
-//! signals are collected, and each printhead gets its turn.
+//! `identify.geometry`. Out: the file of models (JSON, one entry per printhead), and text on stdout. What is done for one
+//! printhead stands in `identified`; here the signals are collected, and each printhead gets its turn.
 
 use super::collected::{Collected, RecordingSource, collected};
 use super::effect::{self, Command};
@@ -16,7 +15,6 @@ use inkling_core::identify::IdentifyError;
 use inkling_core::identify::grey_box::Identification;
 use inkling_io::{labels_file, outputs};
 use serde_json::{Value, json};
-use std::collections::BTreeSet;
 use std::io::Write;
 use std::path::PathBuf;
 
@@ -28,8 +26,6 @@ const LEAST_FIT_PERCENT: f64 = 90.0;
 #[command(after_help = "Examples:
   inkling identify healthy.mcap -o model.json
   inkling identify night.mcap --labels labels.csv -o model.json
-  inkling identify healthy.mcap -o model.json --plot figures/
-  inkling identify healthy.mcap -o model.json --detectability
   inkling identify healthy.mcap -o model.json \\
       --set identify.grey_box.a_per_s2=4e10")]
 pub struct Args {
@@ -42,12 +38,6 @@ pub struct Args {
     /// Only signals that it says are healthy; without it, those that agree with the majority
     #[arg(long, value_name = "CSV")]
     labels: Option<PathBuf>,
-    /// Directory for a plot of measured against simulated per printhead (SVG, CSV)
-    #[arg(long, value_name = "DIR")]
-    plot: Option<PathBuf>,
-    /// Also which faults the thesis's simplest filter (method I) can detect, and which not
-    #[arg(long)]
-    detectability: bool,
     /// Settings file
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
@@ -56,21 +46,13 @@ pub struct Args {
     set: Vec<String>,
 }
 
-/// Runs the verb. Nothing is written or printed before all printheads had their turn, but for the
-/// figures.
+/// Runs the verb. Nothing is written or printed before all printheads had their turn.
 pub fn run(args: Args) -> Result<Exit, Failure> {
     // settings, and the places of the results
     let settings = Settings::load(args.config.as_deref(), None, &args.set)?;
-    effect::check(&args.set, &settings, Command::Identify(args.detectability))?;
+    effect::check(&args.set, &settings, Command::Identify)?;
     outputs::check_file(&args.out, outputs::ResultFile::Models)?;
     let labels = args.labels.as_deref().map(labels_file::read).transpose()?;
-    if let Some(dir) = &args.plot {
-        if *dir == args.out {
-            return Err(Failure::usage(format!("--plot {}: --out has that name", dir.display())));
-        }
-        let again = outputs::is_earlier(&args.out, outputs::ResultFile::Models);
-        outputs::check_beside(dir, "identify_", again)?;
-    }
 
     // the healthy signals of all recordings, by printhead
     let Collected { set, met, mut incomplete, progress } =
@@ -83,13 +65,12 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     // can be identified, that is the failure
     let mut text = Vec::new();
     let mut models: Vec<Value> = Vec::new();
-    let mut figures = BTreeSet::new();
     for (name, signals) in &set.healthy {
         let warn =
             |what: &str| progress.say(&format!("warning: printhead {}: {what}", printable(name)));
         let labelled = labels.is_some();
         let identified = Identified::of(name, signals, labelled, &set, &settings.identify);
-        let mut identified = match identified {
+        let identified = match identified {
             Ok(identified) => identified,
             Err(e) => {
                 incomplete = true;
@@ -109,13 +90,7 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
                  healthy, and is identify.grey_box of this printhead?"
             ));
         }
-        if args.detectability {
-            identified.detect(&settings).map_err(Failure::new)?;
-        }
         identified.print(&mut text)?;
-        if let Some(dir) = &args.plot {
-            identified.plot(dir, &mut figures)?;
-        }
         models.push(json!(identified));
     }
     if models.is_empty() {

@@ -1,4 +1,4 @@
-//! The promise of a design as text on a terminal, for `score` and `identify`.
+//! The promise of a design as text on a terminal, for `score`.
 //!
 //! In: a [`Promise`], which the design computed from its own physics. Out: the smallest fault of
 //! each class that is found, and the classes that are mistaken for each other.

@@ -14,7 +14,6 @@
 mod channel_levels;
 mod checks;
 mod cold_start;
-mod detectable;
 mod detector;
 mod error;
 mod extension;
@@ -49,7 +48,6 @@ mod workspace;
 pub use crate::detect::DetectSettings;
 pub use crate::isolate::severity::Severity;
 pub use crate::isolate::{Decision as Isolation, IsolateSettings};
-pub use detectable::Detectability;
 pub use detector::{Detection, FirstLook, SensitivityDetector};
 pub use error::{DesignError, Result, same_period};
 pub use extension::{Covariate, CovariateEffect, Extension};

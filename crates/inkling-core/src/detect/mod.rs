@@ -6,7 +6,7 @@
 //! counts as faulty. `design/` puts these parts together.
 //!
 //! * The filter: numerators ([`null_space`], [`numerator`], [`linear_programme`]), denominators
-//!   ([`poles`]), the filter itself ([`residual_generator`]), and where it is blind ([`blind`]).
+//!   ([`poles`]), and the filter itself ([`residual_generator`]).
 //! * Statistics: the distance along the model's sensitivities ([`sensitivity`]) with a second test
 //!   beside them ([`misfit`]); the thesis's energy r'r.
 //! * Thresholds: of healthy signals ([`threshold`], `pareto_tail`) and of windows in which some are
@@ -14,7 +14,6 @@
 //! * Streams, the distance of many signals at once in f32: [`row_projection`], [`lane_sensitivity`]
 //!   and [`lane_expectation`].
 
-pub mod blind;
 pub mod contamination;
 pub mod lane_expectation;
 pub mod lane_sensitivity;
