@@ -92,7 +92,7 @@ def replay(
     out: the directory of results.
     identify: by the design's models, or by models of the recordings' own healthy windows.
     baseline: a file in which the state of heads and channels is kept from run to run.
-    layout: how results are laid out in `out`: `tree`, `date`, `flat` or `hive`.
+    layout: how results are laid out in `out`: `tree`, `date` or `hive`.
     force: judge again what is finished.
     threads: workers per parallel stage, 1 to 1024; by default the machine's cores.
     set: settings of `pipeline.toml` by their names.
@@ -149,11 +149,6 @@ class Result:
     def evidence(self) -> pa.Table:
         """The numbers that the plots show."""
         return self._table("evidence.parquet")
-
-    @property
-    def residuals(self) -> pa.Table:
-        """What remains of the signals beside the model."""
-        return self._table("residuals.parquet")
 
     def extended(self) -> Design | None:
         """The design that takes what was found into account; None if there is none."""

@@ -24,9 +24,7 @@ use inkling_io::plain_columns::{count, flag, number, text};
 use inkling_io::verdict_table::TableError;
 use inkling_io::{design_file, labels_file, outputs, plain_columns, printable};
 use inkling_lab::critique::engine::{self, MOST_SAMPLES, Rings};
-use inkling_lab::critique::finding::{
-    Compared, Critique, Evidence, Gain, GainFigures, HeldOut, Verdict,
-};
+use inkling_lab::critique::finding::{Critique, Evidence, Gain, GainFigures, HeldOut, Verdict};
 use inkling_lab::critique::work::{self, Now, Work};
 use inkling_lab::critique::{decay, report};
 use inkling_lab::plot::digits;
@@ -38,11 +36,10 @@ use std::sync::atomic::{AtomicBool, Ordering};
 const EXTENDED_DESIGN: &str = "extended.design.json";
 /// The files of a critique. Those of an earlier run are removed first, so that none lies beside those of this
 /// one. `critique.json` is the first to go and the last to be written: if it is there, all are.
-const FILES: [(&str, ResultFile); 5] = [
+const FILES: [(&str, ResultFile); 4] = [
     ("critique.json", ResultFile::Critique),
     (EXTENDED_DESIGN, ResultFile::Design),
     ("evidence.parquet", ResultFile::Companion),
-    ("residuals.parquet", ResultFile::Companion),
     ("report.html", ResultFile::CritiquePage),
 ];
 
@@ -52,7 +49,7 @@ const FILES: [(&str, ResultFile); 5] = [
   inkling critique night.mcap --labels labels.csv -o critique/
   inkling critique pendulum.mcap --plant oscillator -o critique/
 
-Writes report.html, critique.json, evidence.parquet and residuals.parquet; of an ink channel with \
+Writes report.html, critique.json and evidence.parquet; of an ink channel with \
 a cause found also extended.design.json, for `inkling replay --design`. All outputs of one \
 recording are taken as one system.")]
 pub struct Args {
@@ -169,11 +166,10 @@ fn watched(control: &Arc<Control>, progress: &Arc<Progress>) -> Work {
     })
 }
 
-/// Writes the tables and the page first and `critique.json` last, so that the other files are complete if
+/// Writes the table and the page first and `critique.json` last, so that the other files are complete if
 /// that one exists.
 fn write(dir: &Path, critique: &Critique) -> Result<(), Failure> {
     write_evidence(&dir.join("evidence.parquet"), critique).map_err(Failure::new)?;
-    write_residuals(&dir.join("residuals.parquet"), critique).map_err(Failure::new)?;
     write_text(&dir.join("report.html"), &report::html(critique))?;
     write_json(&dir.join("critique.json"), critique)
 }
@@ -197,34 +193,6 @@ fn write_evidence(path: &Path, critique: &Critique) -> Result<(), TableError> {
         ("accepted", flag(rows.iter().map(|e| e.accepted()))),
         ("why_not", text(why_not.iter().map(String::as_str))),
     ];
-    plain_columns::write(path, columns)
-}
-
-/// Writes the numbers behind the report's figures: one row per figure, series and point, with the
-/// point's x, its y, and the bounds of y.
-fn write_residuals(path: &Path, critique: &Critique) -> Result<(), TableError> {
-    // figure and series, then x, y, low, high
-    let mut rows: Vec<(&str, String, [f64; 4])> = Vec::new();
-    let mut add = |figure, of: &str, compared: &Compared| {
-        for (k, x) in compared.x.iter().enumerate() {
-            for (when, curve) in [("before", &compared.before), ("after", &compared.after)] {
-                let point = [*x, curve.y[k], curve.low[k], curve.high[k]];
-                rows.push((figure, format!("{of}{when}"), point));
-            }
-        }
-    };
-    add("mean_misfit", "", &critique.figures.mean_misfit);
-    add("spectrum", "", &critique.figures.spectrum);
-    for c in &critique.figures.covariates {
-        add("covariate", &format!("{} of {}, ", c.parameter, c.covariate), &c.means);
-    }
-    let mut columns = vec![
-        ("figure", text(rows.iter().map(|row| row.0))),
-        ("series", text(rows.iter().map(|row| row.1.as_str()))),
-    ];
-    for (k, name) in ["x", "y", "low", "high"].into_iter().enumerate() {
-        columns.push((name, number(rows.iter().map(|row| row.2[k]))));
-    }
     plain_columns::write(path, columns)
 }
 
