@@ -115,8 +115,6 @@ pub struct IdentifySettings {
     /// Length of a healthy window, s (or "20 s", "5 min").
     #[serde(deserialize_with = "seconds")]
     pub first: f64,
-    /// Healthy windows as [from, to] in RFC 3339, instead of `first`: the first that gives a model counts.
-    pub spans: Vec<[String; 2]>,
     /// Least share (0 to 1) of a window's signals that must agree with each other, where no labels
     /// say which signals are healthy. A window in which fewer agree gives no model.
     pub least_agreeing: f64,
@@ -146,7 +144,6 @@ impl Default for IdentifySettings {
             mode: IdentifyMode::default(),
             labels: String::new(),
             first: 20.0,
-            spans: Vec::new(),
             least_agreeing: 0.55,
             max_frequency_drift: 0.01,
             max_damping_drift: 0.10,

@@ -32,6 +32,10 @@ const MISTAKES: &[(&str, i32, &str)] = &[
     ("train {T} --labels {L} -o d.json --outcomes x.csv", 2, "the file of `--labels`"),
     ("score {O} --labels {L} --report e.html", 2, "`score --json`"),
     ("report {O} -o r.html --set report.rows=2", 2, "the map shows neighbours"),
+    ("identify {T} -o m.json --plot p", 2, "`inkling critique`"),
+    ("train {T} --labels {L} -o d.json --json", 2, "`train`, `identify` and `critique` are JSON"),
+    ("replay {R} --layout flat", 2, "lays the recordings of one directory side by side"),
+    ("replay {R} --set identify.spans=[]", 2, "label that time healthy"),
     // what is not given
     ("report", 2, "--output"),
     ("train {T} -o d.json", 2, "--labels"),
@@ -194,11 +198,6 @@ const MISTAKES: &[(&str, i32, &str)] = &[
     ("replay {R} --set isolate.priors={zz=1}", 2, "isolate.priors"),
     ("replay {R} --set =3", 2, "expected KEY=VALUE"),
     ("replay {R} --set detect.mu", 2, "expected KEY=VALUE"),
-    (
-        "replay {R} --set identify.spans=[[\"2025-01-01\",\"2025-01-02\"]]",
-        2,
-        "write 2026-01-31T12:00:00Z",
-    ),
     ("replay {R} --set input.ignore=[\"a[\"]", 2, "input.ignore: no valid pattern"),
     ("train {T} --labels {L} -o d.json --set input.ignore=[\"a\"]", 2, "has no effect here"),
     ("replay {R}x", 2, "did you mean"),

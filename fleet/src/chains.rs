@@ -61,7 +61,7 @@ mod tests {
         let input = Input { path: "/x".into(), below: "".into() };
         Job {
             printheads: printheads.iter().map(|name| name.to_string()).collect(),
-            ..Job::new(Layout::Flat, input, |_| String::new())
+            ..Job::new(Layout::Tree, input, |_| String::new())
         }
     }
 

@@ -301,7 +301,6 @@ mod tests {
             design: Some(design),
             design_digest: Some(digest),
             labels: Some(Labels::new(vec![row])),
-            spans: vec![(i64::MIN, 7)],
             ..Replay::default()
         };
         let means = resume::means_of(&replay, Some("xxh3:1".into()));

@@ -35,7 +35,7 @@ pub fn check(settings: &Settings, dry_run: bool) -> Result<(), Failure> {
             "the recorder sets the pace: leave --pace (replay.pace) out"
         }
         _ if settings.output.layout.is_by_day() => {
-            "the day of the first burst is not known before it is written: choose --layout tree or flat"
+            "the day of the first burst is not known before it is written: choose --layout tree"
         }
         [one] if is_one_file(one) => return Ok(()),
         _ => "name the one recording file that is being written, on this machine",

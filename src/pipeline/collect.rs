@@ -161,10 +161,8 @@ impl<'a> Collector<'a> {
     }
 }
 
-/// Most bytes and most signals that an [`Observer`] holds, if all signals are as long as the first. The bytes
-/// never bind: even of signals of 32,768 samples, the most, they hold `FEWEST_SIGNALS`. The
-/// number of signals bounds the time: two processors criticise so many, with several causes in them, in half a minute.
-const HELD_BYTES: usize = 64 << 20;
+/// Most signals that an [`Observer`] holds, if all are as long as the first: two processors criticise so many, with several
+/// causes in them, in half a minute.
 const MOST_SIGNALS: usize = 1536;
 /// Work per signal grows with the square of its samples: of signals longer than this fewer are held, down to
 /// [`FEWEST_SIGNALS`].
@@ -190,14 +188,13 @@ struct PeriodSignals {
 
 impl PeriodSignals {
     /// None yet, of this sample period, s. `n`: samples of the first signal, which decides how many are held: of
-    /// long ones fewer, by the square of their length, and no more than fit into the bytes (4 per sample).
+    /// long ones fewer, by the square of their length.
     fn new(period_s: f64, n: usize, most_samples: usize, whole_bursts: bool) -> PeriodSignals {
         let kept = n.min(most_samples);
         let wanted = MOST_SIGNALS * USUAL_SAMPLES.pow(2) / kept.max(1).pow(2);
         let wanted = wanted.clamp(FEWEST_SIGNALS, MOST_SIGNALS);
-        let capacity = wanted.min(HELD_BYTES / (4 * kept.max(1)));
         let most_samples = most_samples.min(2 * kept);
-        let mut sampler = Sampler::new(period_s, capacity);
+        let mut sampler = Sampler::new(period_s, wanted);
         sampler.whole_bursts = whole_bursts;
         PeriodSignals { period_s, most_samples, sampler }
     }

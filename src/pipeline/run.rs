@@ -25,8 +25,6 @@ pub struct Replay {
     pub design_digest: Option<String>,
     /// Labels that say which signals of windows are healthy; `None`: those that agree are.
     pub labels: Option<Labels>,
-    /// The healthy windows that the settings give, from and to, ns; empty: the first of each printhead.
-    pub spans: Vec<(i64, i64)>,
     /// With `--baseline`: what is remembered of heads and channels from the recordings before; `None`: nothing is,
     /// and channels are not judged about levels of their own.
     pub baselines: Option<Memory>,

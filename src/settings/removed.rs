@@ -7,18 +7,26 @@
 use toml::{Table, Value};
 
 /// Options of any verb, and what to use instead.
-const OPTIONS: [(&str, &str); 4] = [
+const OPTIONS: [(&str, &str); 9] = [
+    (
+        "--detectability",
+        "train on the same labels; `inkling score --design` says which faults are found",
+    ),
     (
         "--doubts",
         "the page and `--json` list what has no name; write what you found into the labels",
     ),
+    ("--json", "its result is a file, and those of `train`, `identify` and `critique` are JSON"),
+    ("--mu", "--set detect.mu, for `train`; chapter 4 is for the thesis's own"),
     ("--outcomes", "write what you found into the file of `--labels`: later rows win"),
+    ("--plot", "the page of `inkling critique` shows what the model leaves of the signals"),
     ("--report", "`score --json` holds the numbers"),
     ("--rotate", "the table is written at the end; `--serve` shows what is going on"),
+    ("--threads", "it takes the cores that it is given (`taskset`)"),
 ];
 
 /// Settings by their dotted keys, or values of a setting as `key=value`, and what to use instead.
-const SETTINGS: [(&str, &str); 7] = [
+const SETTINGS: [(&str, &str); 10] = [
     (
         "detect.decouple",
         "leave it out: with two other_poles_per_s or more a constant offset shows in its step alone",
@@ -30,6 +38,12 @@ const SETTINGS: [(&str, &str); 7] = [
         "identify.every",
         "leave it out: a head is judged by one window, and what changes afterwards is followed",
     ),
+    (
+        "identify.spans",
+        "label that time healthy (identify.labels), and let identify.first reach it",
+    ),
+    ("isolate.matching_share", "leave it out: it is .99"),
+    ("output.layout=flat", "`tree` lays the recordings of one directory side by side"),
     ("report.rows", "leave it out: the map shows neighbours that fail together"),
     ("report.pitch", "leave it out: the map shows neighbours that fail together"),
 ];

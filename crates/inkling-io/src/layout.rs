@@ -23,8 +23,6 @@ pub enum Layout {
     Tree,
     /// A directory for each day (UTC), by when the recording begins, such as `2026-11-01`.
     Date,
-    /// All recordings' results side by side.
-    Flat,
     /// Each kind of table has a directory of its own, with a directory for each day such as `day=2026-11-01`.
     /// So `verdicts/` is one data set for tools that know this layout.
     Hive,

@@ -1,6 +1,7 @@
 //! The options of `inkling replay` ([`Args`]), as the command line gives them.
 
 use crate::settings::Pace;
+use clap::builder::PossibleValue;
 use std::path::PathBuf;
 
 /// The values of `--preset`.
@@ -65,10 +66,10 @@ pub struct Args {
     /// Say where the time went, stage by stage
     #[arg(long)]
     pub(super) timings: bool,
-    /// Where below --out: the tree below a directory is kept, by day of its begin, flat, or each kind of table
+    /// Where below --out: the tree below a directory is kept, by day of its begin, or each kind of table
     /// as one data set (verdicts/day=2026-11-01/)
     /// [default: tree]
-    #[arg(long, value_parser = ["tree", "date", "flat", "hive"])]
+    #[arg(long, value_parser = ["tree".into(), "date".into(), "hive".into(), PossibleValue::new("flat").hide(true)])]
     pub(super) layout: Option<String>,
     /// Judge again what is finished
     #[arg(long)]

@@ -18,7 +18,6 @@ use crate::cli::report_page::ACCOUNT_NAME;
 use crate::pipeline::Replay;
 use crate::pipeline::resume::means_of;
 use crate::settings::{IdentifyMode, Preset, Settings, keys};
-use chrono::DateTime;
 use inkling_core::design::Design;
 use inkling_core::detect::ThresholdMethod;
 use inkling_core::isolate::IsolateMethod;
@@ -179,7 +178,6 @@ pub fn load(
         digest.map_err(|e| Failure::new(format!("{}: {e}", path.display())))
     });
     let labels_digest = labels_digest.transpose()?;
-    let spans = settings.identify.spans.iter().map(span_ns).collect::<Result<_, Failure>>()?;
 
     // a baseline file of another design, or one that is not there yet, gives empty baselines
     let (baseline_file, baselines) = match settings.input.baseline.as_str() {
@@ -196,7 +194,7 @@ pub fn load(
             .map(|(file, baselines)| (Some(file), Some(baselines)))?,
     };
     let replay =
-        Replay { settings, design, design_digest, labels, spans, baselines, replaced: Vec::new() };
+        Replay { settings, design, design_digest, labels, baselines, replaced: Vec::new() };
     let means = means_of(&replay, labels_digest);
     Ok((replay, baseline_file, means))
 }
@@ -257,21 +255,6 @@ fn check_threshold(settings: &Settings, design: Option<&Design>) -> Result<(), F
          faulty channel's own would be the threshold. {design}say who is healthy (--set identify.labels=labels.csv), or \
          take --set detect.threshold=quantile"
     )))
-}
-
-/// The times of one of `identify.spans`, from and to, ns since the epoch.
-fn span_ns([from, to]: &[String; 2]) -> Result<(i64, i64), Failure> {
-    let wrong = |what: String| Failure::usage(format!("identify.spans: {what}"));
-    let ns = |text: &str| {
-        let time = DateTime::parse_from_rfc3339(text).ok().and_then(|t| t.timestamp_nanos_opt());
-        let what = "is not RFC 3339: write 2026-01-31T12:00:00Z";
-        time.ok_or_else(|| wrong(format!("\"{text}\" {what}")))
-    };
-    let (from_ns, to_ns) = (ns(from)?, ns(to)?);
-    if from_ns >= to_ns {
-        return Err(wrong(format!("[\"{from}\", \"{to}\"] ends before it begins")));
-    }
-    Ok((from_ns, to_ns))
 }
 
 /// How a design in memory is to judge by these arguments: for bursts in memory (`cli/called.rs`),

@@ -159,7 +159,7 @@ fn learn_from(
             (window.is_reached, of)
         });
         for (is_reached, of) in learned {
-            match of.learned.model.is_some() || (!is_reached && replay.spans.is_empty()) {
+            match of.learned.model.is_some() || !is_reached {
                 true => done.push(of.learned),
                 false => again.push(of),
             }
@@ -171,7 +171,7 @@ fn learn_from(
 impl Waiting {
     fn take(&mut self, replay: &Replay, window: &Window, sample: &sample::Sample) {
         self.windows += 1;
-        if window.chosen.is_empty() && replay.spans.is_empty() && replay.labels.is_none() {
+        if window.chosen.is_empty() && replay.labels.is_none() {
             return; // nothing was printed then
         }
         let Learned { key, model, reference_v, refusals } = &mut self.learned;
@@ -200,9 +200,6 @@ impl Waiting {
 impl Replay {
     /// The next window of a group, from and to, ns; `None`: there is none.
     fn window(&self, of: &Waiting) -> Option<[i64; 2]> {
-        if !self.spans.is_empty() {
-            return self.spans.get(of.windows as usize).map(|&(from, to)| [from, to]);
-        }
         let is_known = self
             .design
             .as_ref()

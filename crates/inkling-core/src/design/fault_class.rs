@@ -18,6 +18,8 @@ use serde::{Deserialize, Serialize};
 /// of the guess: a nozzle of which the share s is blocked moves a/b and d by 1 / (1 - s), and 300 reaches
 /// s = .997 (`[BN]` in `model/faults.toml`).
 const LEAST_BOUND_FACTOR: f64 = 300.0;
+/// Share of a class's own training signals that the bound of `model-matching` lets through.
+const MATCHING_SHARE: f64 = 0.99;
 
 /// Departs: thesis §3-3-2 keeps mean residuals. r = F (y - y_hat) is affine in y, so a mean
 /// deviation is kept and filtered by whichever model judges: it survives re-identification.
@@ -101,7 +103,6 @@ impl FaultClass {
         &mut self,
         healthy: &HealthyModel,
         sets: &[(&HealthyModel, &SignalSet)],
-        share: f64,
         settings: LearnSettings,
     ) -> Result<()> {
         let (dt_s, samples) = (settings.sample_period_s, self.deviation.len());
@@ -121,7 +122,8 @@ impl FaultClass {
             deviations(sets).iter().map(|d| model.energy(d, 1.0, &mut scratch)).collect();
         energies.sort_unstable_by(f64::total_cmp);
         let last = energies.len().saturating_sub(1);
-        model.bound = energies.get((share * last as f64).ceil() as usize).copied().unwrap_or(0.0);
+        model.bound =
+            energies.get((MATCHING_SHARE * last as f64).ceil() as usize).copied().unwrap_or(0.0);
         if !(model.bound.is_finite() && model.bound > 0.0) {
             return Err("its signals leave no residual energy".into());
         }

@@ -158,9 +158,7 @@ pub(super) fn learn_classes(
         class.of = isolate.classes.get(name).cloned().unwrap_or_default();
         let learned = match isolate.method {
             IsolateMethod::Posterior | IsolateMethod::ResidualMatching => Ok(()),
-            IsolateMethod::ModelMatching => {
-                class.learn_model(&design.pooled, &sets, isolate.matching_share, settings)
-            }
+            IsolateMethod::ModelMatching => class.learn_model(&design.pooled, &sets, settings),
             IsolateMethod::Neighbours => {
                 class.keep_examples(&sets);
                 Ok(())

@@ -45,8 +45,6 @@ pub struct IsolateSettings {
     pub method: IsolateMethod,
     pub signal: IsolateSignal,
     pub neighbours: usize,
-    /// Share of a class's own training signals that the bound of `model-matching` lets through.
-    pub matching_share: f64,
     /// Whether only flagged signals are isolated; false: all, as in the thesis's Tables 4-3ff.
     pub gate: bool,
     /// Smallest weight with which a class or category is named, 0 to 1.
@@ -78,7 +76,6 @@ impl Default for IsolateSettings {
             method: IsolateMethod::Posterior,
             signal: IsolateSignal::Residual,
             neighbours: 1,
-            matching_share: 0.99,
             gate: true,
             certainty: 0.8,
             priors: BTreeMap::new(),
@@ -105,7 +102,6 @@ impl IsolateSettings {
         let ranges = [
             ("pulse_s", self.pulse_s, 1e-9..=1e-2, "1e-9 to 1e-2"),
             ("delay_s", self.delay_s, 0.0..=1e-2, "0 to 1e-2"),
-            ("matching_share", Some(self.matching_share), 0.5..=1.0, "0.5 to 1"),
             ("guess_sd", Some(self.guess_sd), 1e-4..=2.0, "1e-4 to 2"),
             ("certainty", Some(self.certainty), 0.0..=1.0, "0 to 1"),
         ];
