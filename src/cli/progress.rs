@@ -12,8 +12,7 @@ use super::output::is_quiet;
 use crate::pipeline::Control;
 use crate::report::grouped;
 use indicatif::{
-    HumanBytes, HumanDuration, MultiProgress, ProgressBar, ProgressDrawTarget, ProgressFinish,
-    ProgressStyle,
+    HumanBytes, MultiProgress, ProgressBar, ProgressDrawTarget, ProgressFinish, ProgressStyle,
 };
 use inkling_io::damage::Damage;
 use inkling_io::inputs::Input;
@@ -39,6 +38,9 @@ pub static COMPLAINED: AtomicBool = AtomicBool::new(false);
 /// Prefix of messages about what makes a result less certain.
 const WARNING: &str = "warning: ";
 const MOST_OF_A_NAME: usize = 64;
+/// Bars of what is read to its end, and of what is being written.
+const THROUGH: &str = "{spinner} {prefix:<16!} {bar:30} {percent:>3} %  {msg}  {eta} left";
+const FOLLOWED: &str = "{spinner} {prefix:<16!} followed for {elapsed}, {msg}; Ctrl-C ends it";
 
 /// Writes a message to stderr, or collects it for the program that called. An error of writing is
 /// ignored, since the exit status still tells the failure; `eprintln!` would panic.
@@ -160,7 +162,7 @@ fn at_each_request_to_end(then: impl Fn() + Send + 'static) {
 
 /// Shows the progress through the current recording and, if there are several, through all of them.
 pub struct Progress {
-    /// The bars; they are hidden if stderr is no terminal, or with `--quiet`.
+    /// Holds the bar; it is hidden if stderr is no terminal, or with `--quiet`.
     bars: MultiProgress,
     overall: Option<Overall>,
 }
@@ -175,22 +177,11 @@ struct Overall {
 }
 
 impl Overall {
-    /// `12 of 60 recordings, 3 400 000 signals/s, 4 minutes left`. `bytes`: those of the recording
-    /// at hand that were read; `signals`: those of the whole run.
-    fn in_words(&self, bytes: u64, signals: u64) -> String {
+    /// `12 of 60 recordings, `
+    fn in_words(&self) -> String {
         let number = (self.done_recordings.load(Ordering::Relaxed) + 1).min(self.recordings);
-        let spent_s = self.bar.elapsed().as_secs_f64().max(1e-9);
-        let done = (self.done_bytes.load(Ordering::Relaxed) + bytes) as f64;
-        let rest = (self.bar.length().unwrap_or(0) as f64 - done).max(0.0);
         let [number, of] = [number, self.recordings].map(|n| thousands(n as u64));
-        let rate = thousands((signals as f64 / spent_s) as u64);
-        let mut words = format!("{number} of {of} recordings, {rate} signals/s");
-        if done > 0.0 {
-            // if the rest goes as fast per byte as what was read so far
-            let left = Duration::from_secs_f64(spent_s * rest / done);
-            words += &format!(", {} left", HumanDuration(left));
-        }
-        words
+        format!("{number} of {of} recordings, ")
     }
 }
 
@@ -204,7 +195,7 @@ impl Progress {
         }
         let overall = (recordings > 1).then(|| {
             let bar = bars.add(ProgressBar::new(total_bytes));
-            bar.set_style(style("{spinner} all recordings   {bar:30} {percent:>3} %  {msg}"));
+            bar.set_style(style(THROUGH));
             Overall { bar, recordings, done_recordings: 0.into(), done_bytes: 0.into() }
         });
         Progress { bars, overall }
@@ -240,8 +231,7 @@ impl Progress {
         });
         if let (Some(overall), Some(bytes)) = (&self.overall, bytes) {
             overall.done_recordings.fetch_add(1, Ordering::Relaxed);
-            let done = overall.done_bytes.fetch_add(bytes, Ordering::Relaxed) + bytes;
-            overall.bar.set_position(done);
+            overall.done_bytes.fetch_add(bytes, Ordering::Relaxed);
         }
         result
     }
@@ -269,7 +259,7 @@ impl Progress {
         }
     }
 
-    /// Updates the bars, or prints a line now and then, until the sender of `end` is dropped. Runs on a
+    /// Updates the bar, or prints a line now and then, until the sender of `end` is dropped. Runs on a
     /// thread beside the job. `before`: number of signals that earlier recordings had.
     fn watch(
         &self,
@@ -280,12 +270,13 @@ impl Progress {
         end: &Receiver<()>,
     ) {
         let started = Instant::now();
-        let bar = bytes.map_or_else(ProgressBar::new_spinner, ProgressBar::new);
-        let bar = self.bars.add(bar);
-        bar.set_style(style(match bytes {
-            Some(_) => "{spinner} {prefix:<16!} {bar:30} {percent:>3} %  {msg}  {eta} left",
-            None => "{spinner} {prefix:<16!} followed for {elapsed}, {msg}; Ctrl-C ends it",
-        }));
+        let bar = match (&self.overall, bytes) {
+            (Some(overall), _) => overall.bar.clone(),
+            (None, Some(bytes)) => {
+                self.bars.add(ProgressBar::new(bytes)).with_style(style(THROUGH))
+            }
+            (None, None) => self.bars.add(ProgressBar::new_spinner()).with_style(style(FOLLOWED)),
+        };
         bar.set_prefix(printable::line(name, MOST_OF_A_NAME));
 
         let mut last_line = Instant::now();
@@ -293,31 +284,35 @@ impl Progress {
         while is_under_way {
             is_under_way = end.recv_timeout(TICK) == Err(RecvTimeoutError::Timeout);
             let read = control.bytes_read.load(Ordering::Relaxed).min(bytes.unwrap_or(u64::MAX));
-            let total = control.signals.load(Ordering::Relaxed);
-            let signals = total.saturating_sub(before);
+            let signals = control.signals.load(Ordering::Relaxed).saturating_sub(before);
             let rate = signals as f64 / started.elapsed().as_secs_f64().max(1e-9);
             let (signals, rate) = (thousands(signals), thousands(rate as u64));
-            let all = self.overall.as_ref().map(|all| (all, all.in_words(read, total)));
-            // on a terminal the bars, at each tick; elsewhere a line every ten seconds
+            let all = self.overall.as_ref().map_or(String::new(), Overall::in_words);
+            // on a terminal the bar, at each tick; elsewhere a line every ten seconds
             if !self.bars.is_hidden() {
-                bar.set_position(read);
+                let done =
+                    self.overall.as_ref().map_or(0, |of| of.done_bytes.load(Ordering::Relaxed));
+                bar.set_position(done + read);
                 bar.set_message(match bytes {
-                    Some(_) => format!("{rate} signals/s"),
+                    Some(_) => format!("{all}{rate} signals/s"),
                     None => format!("{signals} signals"),
                 });
-                if let Some((Overall { bar, done_bytes, .. }, words)) = all {
-                    bar.set_position(done_bytes.load(Ordering::Relaxed) + read);
-                    bar.set_message(words);
-                }
             } else if last_line.elapsed() >= LINE_EVERY && !is_quiet() {
                 last_line = Instant::now();
                 let of = bytes.map_or(String::new(), |bytes| format!(" of {}", HumanBytes(bytes)));
-                let all = all.map_or(String::new(), |(_, words)| format!("; {words}"));
                 let (name, read) = (printable::line(name, MOST_OF_A_NAME), HumanBytes(read));
-                complain(&format!("{name}: {read}{of}, {rate} signals/s{all}"));
+                complain(&format!("{all}{name}: {read}{of}, {rate} signals/s"));
             }
         }
-        bar.finish_and_clear();
+        if self.overall.is_none() {
+            bar.finish_and_clear();
+        }
+    }
+}
+
+impl Drop for Progress {
+    fn drop(&mut self) {
+        self.overall.iter().for_each(|overall| overall.bar.finish_and_clear());
     }
 }
 

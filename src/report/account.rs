@@ -12,7 +12,8 @@ use super::source::LostRecording;
 use super::watch::Spell;
 use super::words::rfc3339;
 use super::{RecordingLine, Report, certain_trend, hours_to_visible};
-use serde::Serialize;
+use serde::ser::SerializeMap;
+use serde::{Serialize, Serializer};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
@@ -42,15 +43,22 @@ struct Signals {
     not_judged: u64,
 }
 
-#[derive(Debug, Serialize)]
-struct Recording<'a> {
-    recording: &'a str,
-    from: Option<String>,
-    to: Option<String>,
-    judged: u64,
-    not_judged: u64,
-    /// What is wrong with its data; empty: nothing.
-    flaws: &'a str,
+#[derive(Debug)]
+struct Recording<'a>(&'a RecordingLine);
+
+impl Serialize for Recording<'_> {
+    fn serialize<S: Serializer>(&self, to: S) -> Result<S::Ok, S::Error> {
+        let Recording(line) = self;
+        let mut of = to.serialize_map(None)?;
+        of.serialize_entry("recording", &line.name)?;
+        of.serialize_entry("from", &line.span.map(|span| rfc3339(span.0)))?;
+        of.serialize_entry("to", &line.span.map(|span| rfc3339(span.1)))?;
+        of.serialize_entry("judged", &line.judged)?;
+        of.serialize_entry("not_judged", &line.rejected())?;
+        // what is wrong with its data; empty: nothing
+        of.serialize_entry("flaws", &line.flaws)?;
+        of.end()
+    }
 }
 
 /// A printhead over all recordings.
@@ -109,31 +117,41 @@ struct Rows<'a> {
 }
 
 /// What is known of a fault. The sizes are in the unit of its class (`schemas/verdicts.md`).
-#[derive(Debug, Serialize)]
-struct FaultNow<'a> {
-    category: Option<&'a str>,
-    fault: Option<&'a str>,
-    /// Whether present signals carry that name.
-    is_named_now: bool,
-    certainty: Option<f64>,
-    severity: Option<f64>,
-    severity_sd: Option<f64>,
-    severity_per_day: Option<f64>,
-    /// The size that it had at `as_of`, where present signals carry no name.
-    last_known_severity: Option<f64>,
-    /// What is known instead of a name, in words.
-    instead: Option<String>,
-    /// Distance from healthy, in distances of the threshold.
-    distance: Option<f64>,
-    distance_per_day: Option<f64>,
-    hours_to_visible: Option<f64>,
-    began_at: String,
-    ended_at: Option<String>,
-    /// From 0 to 1, by the formula in `fault.rs`.
-    urgency: f64,
-    action: &'a str,
-    /// The note of whoever acknowledged that the fault is known.
-    acknowledged: Option<&'a str>,
+#[derive(Debug)]
+struct FaultNow<'a>(&'a Fault);
+
+impl Serialize for FaultNow<'_> {
+    fn serialize<S: Serializer>(&self, to: S) -> Result<S::Ok, S::Error> {
+        let FaultNow(Fault { story, urgency, action, .. }) = self;
+        let (trend, is_named) =
+            (certain_trend(story).map(|trend| trend.per_day), is_named_now(story));
+        let is_sized = story.severity_last.is_some();
+        let mut of = to.serialize_map(None)?;
+        of.serialize_entry("category", &story.category)?;
+        of.serialize_entry("fault", &story.fault)?;
+        // whether present signals carry that name
+        of.serialize_entry("is_named_now", &is_named)?;
+        of.serialize_entry("certainty", &story.certainty)?;
+        of.serialize_entry("severity", &story.severity_last)?;
+        of.serialize_entry("severity_sd", &story.severity_sd)?;
+        of.serialize_entry("severity_per_day", &trend.filter(|_| is_sized))?;
+        // the size that it had at `as_of`, where present signals carry no name
+        of.serialize_entry("last_known_severity", &story.lost.and_then(|of| of.severity))?;
+        // what is known instead of a name, in words
+        of.serialize_entry("instead", &instead_in_words(story))?;
+        // from healthy, in distances of the threshold
+        of.serialize_entry("distance", &story.distance)?;
+        of.serialize_entry("distance_per_day", &trend.filter(|_| !is_named))?;
+        of.serialize_entry("hours_to_visible", &hours_to_visible(story).map(|(hours, _)| hours))?;
+        of.serialize_entry("began_at", &rfc3339(story.began_at_ns))?;
+        of.serialize_entry("ended_at", &story.ended_at_ns.map(rfc3339))?;
+        // from 0 to 1, by the formula in `fault.rs`
+        of.serialize_entry("urgency", urgency)?;
+        of.serialize_entry("action", action)?;
+        // the note of whoever acknowledged that the fault is known
+        of.serialize_entry("acknowledged", &story.known)?;
+        of.end()
+    }
 }
 
 impl Report {
@@ -161,22 +179,9 @@ impl Report {
             as_of: to_ns.map(rfc3339),
             complete: self.coverage.is_complete(),
             signals: Signals { judged: self.coverage.judged, not_judged: self.coverage.not_judged },
-            recordings: self.recordings.iter().map(Recording::of).collect(),
+            recordings: self.recordings.iter().map(Recording).collect(),
             printheads: printheads.collect(),
             statements,
-        }
-    }
-}
-
-impl<'a> Recording<'a> {
-    fn of(line: &'a RecordingLine) -> Recording<'a> {
-        Recording {
-            recording: &line.name,
-            from: line.span.map(|span| rfc3339(span.0)),
-            to: line.span.map(|span| rfc3339(span.1)),
-            judged: line.judged,
-            not_judged: line.rejected(),
-            flaws: &line.flaws,
         }
     }
 }
@@ -223,8 +228,6 @@ fn of_head(of: &HeadChange) -> Statement<'_> {
 
 fn of_fault<'a>(of: &'a Fault, lines: &BTreeMap<usize, &'a RecordingLine>) -> Statement<'a> {
     let story = &of.story;
-    let trend = certain_trend(story).map(|trend| trend.per_day);
-    let is_sized = story.severity_last.is_some();
     let mut recordings: Vec<&str> = story
         .spells
         .iter()
@@ -239,25 +242,7 @@ fn of_fault<'a>(of: &'a Fault, lines: &BTreeMap<usize, &'a RecordingLine>) -> St
         printhead: Some(printhead),
         channel: Some(story.channel),
         rows: Rows { recordings, from: Some(rfc3339(story.began_at_ns)), to: last_ns.map(rfc3339) },
-        fault: Some(FaultNow {
-            category: story.category.as_deref(),
-            fault: story.fault.as_deref(),
-            is_named_now: is_named_now(story),
-            certainty: story.certainty,
-            severity: story.severity_last,
-            severity_sd: story.severity_sd,
-            severity_per_day: trend.filter(|_| is_sized),
-            last_known_severity: story.lost.and_then(|of| of.severity),
-            instead: instead_in_words(story),
-            distance: story.distance,
-            distance_per_day: trend.filter(|_| !is_named_now(story)),
-            hours_to_visible: hours_to_visible(story).map(|(hours, _)| hours),
-            began_at: rfc3339(story.began_at_ns),
-            ended_at: story.ended_at_ns.map(rfc3339),
-            urgency: of.urgency,
-            action: &of.action,
-            acknowledged: story.known.as_deref(),
-        }),
+        fault: Some(FaultNow(of)),
         ..Statement::new(if of.is_open() { Kind::Fault } else { Kind::PastFault }, &of.sentence)
     }
 }

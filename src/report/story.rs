@@ -96,8 +96,6 @@ pub struct Story {
     /// signals carry the name no longer.
     pub explanation: Option<String>,
     pub began_at_ns: i64,
-    /// Whether the channel was seen healthy before the onset; if not, the fault may be older.
-    pub onset_seen: bool,
     /// When the fault ended; `None` if it is still on.
     pub ended_at_ns: Option<i64>,
     /// Whether all channels of its printhead moved together when it ended: then they may have got the fault, too.
@@ -221,11 +219,7 @@ pub fn stories(watch: &Watch, rates: &Rates) -> Vec<Story> {
         let ended_at_ns = before.episode.ended_at_ns.or(after.first_quiet_ns);
         let ended_at_ns = ended_at_ns.filter(|_| is_over);
 
-        // Its onset was seen if the channel was quiet at some time before.
-        let before_it = &watch.outside[from];
-        let onset_seen = before_it.judged > before_it.flagged;
-        let spells = &watch.spells[from..k];
-        all.push(story(watch, spells, &inner, onset_seen, ended_at_ns));
+        all.push(story(watch, &watch.spells[from..k], &inner, ended_at_ns));
         from = k;
     }
     all
@@ -267,13 +261,7 @@ fn named_after(spells: &[Spell]) -> &Episode {
 
 /// The story of these episodes. `inner`: the gaps between them, one fewer than episodes;
 /// `ended_at_ns`: `None` if the story is still on.
-fn story(
-    watch: &Watch,
-    spells: &[Spell],
-    inner: &[Cure],
-    onset_seen: bool,
-    ended_at_ns: Option<i64>,
-) -> Story {
+fn story(watch: &Watch, spells: &[Spell], inner: &[Cure], ended_at_ns: Option<i64>) -> Story {
     let (first, named) = (&spells[0].episode, named_after(spells));
     let recordings: BTreeSet<usize> = spells.iter().map(|s| s.recording).collect();
     // the first episode after the last cure
@@ -343,7 +331,6 @@ fn story(
         reason,
         explanation,
         began_at_ns: first.began_at_ns,
-        onset_seen,
         ended_at_ns,
         ended_with_all: false,
         recordings: recordings.len() as u32,

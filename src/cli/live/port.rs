@@ -73,22 +73,9 @@ pub fn check(
 /// All addresses of a name, IPv4 first: a port is bound at the first address that allows it, and for this
 /// machine most people type 127.0.0.1.
 fn resolve(address: &str) -> Result<Vec<SocketAddr>, Failure> {
-    let is_port = |text: &str| text.parse::<u16>().is_ok();
-    let has_port = address.rsplit_once(':').is_some_and(|(name, port)| {
-        // the last group of an IPv6 address without brackets is no port
-        is_port(port) && !name.is_empty() && (name.ends_with(']') || !name.contains(':'))
-    });
-    if !has_port {
-        let meant = match address.strip_prefix(':').unwrap_or(address) {
-            port if is_port(port) => format!("127.0.0.1:{port}"),
-            _ => "127.0.0.1:8080".into(),
-        };
-        return Err(Failure::usage(format!(
-            "--serve {address}: give an address or a name and a port, such as {meant}"
-        )));
-    }
     let found = address.to_socket_addrs().map_err(|e| {
-        Failure::usage(format!("--serve {address}: no such address of this machine: {e}"))
+        let such = "an address or a name and a port, such as 127.0.0.1:8080";
+        Failure::usage(format!("--serve {address}: give {such} ({e})"))
     })?;
     let mut addresses: Vec<SocketAddr> = found.collect();
     addresses.sort_by_key(SocketAddr::is_ipv6);
