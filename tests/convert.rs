@@ -228,3 +228,61 @@ fn segments_and_several_tables_are_bursts() {
         .exits(1)
         .says("its outputs are a, c");
 }
+
+#[test]
+fn several_tables_are_of_the_printheads_that_their_names_say() {
+    let house = House::new();
+    for (names, options, heads) in [
+        ("K1_20261101T0800 K2_20261101T0800 K1_20261101T0801", "--start name", "K1 K2 K1"),
+        ("K1_20261101T080000.250 K1_20261101T080000.500", "--start name", "K1 K1"),
+        ("K1 K2", "", "K1 K1"),
+        ("K1 K2", "--printhead name", "K1 K2"),
+        ("K1 K2", "--printhead K3", "K3 K3"),
+        ("one two", "", "one two"),
+        ("scope scope2 scope10", "", "scope scope scope"),
+        ("20261101T0800 20261102T0800", "--start name", "20261101T0800 20261101T0800"),
+    ] {
+        let files: Vec<String> = names.split(' ').map(|name| format!("{name}.csv")).collect();
+        for file in &files {
+            house.write(file, format!("t_us,a,b\n{}", rows(1.0, ',')));
+        }
+        let told = house.ok(&format!("convert {} -o t.mcap {options}", files.join(" ")));
+        let made = bursts(&house.path("t.mcap"));
+        let found: Vec<&str> = made.iter().map(|burst| &*burst.printhead).collect();
+        assert_eq!(found.join(" "), heads, "{names} {options}");
+        for head in found {
+            assert!(told.contains(head), "{told}");
+        }
+    }
+}
+
+#[test]
+fn tables_that_are_no_more_of_the_same_and_periods_that_times_contradict_are_refused() {
+    let house = House::new();
+    let us = || rows(1.0, ',');
+    let of_1970: String = (0..40).map(|k| format!("{}.{k:06},1,2\n", 1_793_520_000)).collect();
+    house.write("relative.csv", format!("t_s,a,b\n{}", rows(1e6, ',')));
+    house.write("epoch.csv", format!("t_s,a,b\n{of_1970}"));
+    house.write("volts.csv", format!("t,a,b\n(us),(V),(V)\n{}", us()));
+    house.write("millivolts.csv", format!("t,a,b\n(us),(mV),(mV)\n{}", us()));
+    house.write("unsaid.csv", format!("t_us,a,b\n{}", us()));
+    for (tables, says) in [
+        ("relative.csv epoch.csv", "only one kind counts from 1970"),
+        ("epoch.csv relative.csv", "only one kind counts from 1970"),
+        (
+            "volts.csv millivolts.csv",
+            "its outputs are a (mV), b (mV), those of the table before a (V), b (V)",
+        ),
+        ("unsaid.csv volts.csv", "its outputs are a (V), b (V), those"),
+    ] {
+        house.run(&format!("convert {tables} -o t.mcap")).exits(1).says(says);
+    }
+    house.ok("convert relative.csv epoch.csv -o t.mcap --every 0.5");
+    let dt: String = us().lines().map(|row| format!("{row},1\n")).collect();
+    house.write("dt.csv", format!("t_us,a,b,dt\n{dt}"));
+    for period in ["5e-7", "1.05e-6", "2e-6", "dt"] {
+        let told = house.run(&format!("convert dt.csv -o t.mcap --outputs a --period-s {period}"));
+        told.exits(1).says("its times say one sample every 1.000e-6 s");
+    }
+    house.ok("convert dt.csv -o t.mcap --outputs a --period-s 1.01e-6");
+}

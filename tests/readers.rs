@@ -80,7 +80,7 @@ fn foreign(path: &Path) {
         read_all(&recording, &mut reader);
         for topic in reader.topics() {
             if let (Some(written), Some(message)) = (topic.written(), &topic.first_message) {
-                drop(guess(&written, message, &[&topic.topic]));
+                drop(guess(&written, &[message], &[&topic.topic]));
             }
         }
     }

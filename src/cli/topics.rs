@@ -10,6 +10,7 @@
 use super::progress::thousands;
 use super::report::printable;
 use crate::report::{Column, columns, three_digits};
+use bytes::Bytes;
 use inkling_io::census::{MessageKind, TopicSummary};
 use inkling_io::dialect::guess::{Proposal, guess};
 use inkling_io::dialect::unread::{Look, look};
@@ -21,6 +22,8 @@ use std::io::{self, Write};
 const MOST_LISTED: usize = 200;
 /// Most kinds of messages for which a dialect is proposed.
 const MOST_PROPOSED: usize = 8;
+/// Most messages of a kind that are looked at.
+const MOST_MESSAGES: usize = 32;
 /// Most characters of a schema's name and encodings.
 const MOST_NAME: usize = 120;
 
@@ -74,7 +77,9 @@ fn proposals(topics: &[TopicSummary]) -> Vec<Proposal> {
     let propose = |kind: &Vec<&TopicSummary>| {
         let topics: Vec<&str> = kind.iter().map(|summary| summary.topic.as_str()).collect();
         let first = kind.iter().find(|summary| summary.first_message.is_some())?;
-        guess(&first.written()?, first.first_message.as_ref()?, &topics)
+        let all = kind.iter().flat_map(|of| of.first_message.iter().chain(&of.next_messages));
+        let messages = first.first_message.iter().chain(all).take(MOST_MESSAGES);
+        guess(&first.written()?, &messages.collect::<Vec<&Bytes>>(), &topics)
     };
     kinds.iter().filter_map(propose).take(MOST_PROPOSED).collect()
 }

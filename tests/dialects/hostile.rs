@@ -102,7 +102,7 @@ fn changed_schemas_of_others_are_read_or_refused() {
             let kind =
                 Kind { dialect: kind.dialect.clone(), schema: Some(changed), message, ..kind };
             let bytes = bytes::Bytes::copy_from_slice(&kind.message);
-            drop(guess(&kind.of_channel(), &bytes, &["/heads/K/burst"]));
+            drop(guess(&kind.of_channel(), &[&bytes], &["/heads/K/burst"]));
             match plan(&kind) {
                 Ok(plan) => {
                     read += 1;

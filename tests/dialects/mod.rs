@@ -459,7 +459,7 @@ fn a_proposed_block_does_not_contradict_the_message() {
     let block = |message: &str| {
         let of = OfChannel { topic: "/heads/K/burst", message_encoding: "json", schema: None };
         let message = bytes::Bytes::copy_from_slice(message.as_bytes());
-        guess(&of, &message, &["/heads/K/burst"]).unwrap().toml
+        guess(&of, &[&message], &["/heads/K/burst"]).unwrap().toml
     };
     let data = (0..128).map(|i| i.to_string()).collect::<Vec<_>>().join(",");
     let of = |fields: &str| block(&format!("{{\"data\":[{data}],{fields}}}"));

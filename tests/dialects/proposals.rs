@@ -43,7 +43,7 @@ fn array(dims: &[(&str, usize)], offset: usize, data: &[i16]) -> Vec<u8> {
 /// The block that is proposed for a message; empty: none.
 fn block(encoding: &str, schema: Option<&Schema>, message: Vec<u8>, topics: &[&str]) -> String {
     let of = ChannelDescription { topic: topics[0], message_encoding: encoding, schema };
-    guess(&of, &message.into(), topics).map_or(String::new(), |of| of.toml)
+    guess(&of, &[&message.into()], topics).map_or(String::new(), |of| of.toml)
 }
 
 #[test]
@@ -89,6 +89,7 @@ fn fields_with_units_in_their_names_are_proposed() {
         ),
         ("\"interval_ns\":500", &["period_s = 5e-7  # ? interval_ns"]),
         ("\"hz\":1e6", &["rate_hz = \"hz\""]),
+        ("\"ns\":128,\"t\":5", &["samples_per_channel = \"ns\"", "time = \"t\""]),
         ("\"fs_mhz\":2", &["rate_hz = 2000000.0  # ? fs_mhz"]),
         ("\"resonance_khz\":65,\"T\":31.0", &["period_s = \"?\""]),
     ] {
@@ -99,6 +100,23 @@ fn fields_with_units_in_their_names_are_proposed() {
     // topics that differ in the channel have their printhead in another part
     let block = of("\"ch\":0", &["/HA/ch00", "/HA/ch01"]);
     assert!(block.contains("topic = \"/HA/*\"") && block.contains("{topic.0}"), "{block}");
+}
+
+#[test]
+fn a_period_that_varies_between_messages_is_a_question() {
+    let of = ChannelDescription { topic: "/HA", message_encoding: "json", schema: None };
+    let message = |dt_us: f64| {
+        bytes::Bytes::from(format!("{{\"adc\":{:?},\"dt_us\":{dt_us:?}}}", ring(1, 128, false)))
+    };
+    for (other, says) in [
+        (0.5, "period_s = 5e-7  # ? dt_us of the"),
+        (1.0, "period_s = \"?\"  # ? dt_us varies: 5e-7"),
+    ] {
+        let proposal =
+            guess(&of, &[&message(0.5), &message(0.5), &message(other)], &["/HA"]).unwrap();
+        assert!(proposal.toml.contains(says), "{}", proposal.toml);
+        assert_eq!(proposal.open.is_empty(), other == 0.5);
+    }
 }
 
 #[test]

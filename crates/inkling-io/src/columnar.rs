@@ -204,6 +204,7 @@ impl Row<'_> {
         let cell = |c: usize| self.number(c).map_err(|what| chosen.of_column(c, &what));
         let time = chosen.time.map(|c| self.moment(c).map_err(|what| chosen.of_column(c, &what)));
         let printhead = self.name(chosen.printhead, "printhead")?;
+        chosen.check_names("", &printhead)?;
         let beside = chosen.beside.iter().map(|&c| cell(c)).collect::<Result<_, _>>()?;
         let mut burst = Decay { printhead, line, outputs, beside, ..Decay::default() };
         time.transpose()?.into_iter().for_each(|time| burst.push_time(time));

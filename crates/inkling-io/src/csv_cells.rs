@@ -12,7 +12,8 @@ use inkling_core::verdict::NO_VALUE;
 const MISSING: &str = "nan na n/a null none nodata ol over ovl ovld overflow overload overrange underflow underrange \
     max min \u{221e} #n/a #num! #div/0! #value!";
 /// How dates are written without a zone; they are taken as UTC.
-const DATES: [&str; 3] = ["%Y-%m-%d %H:%M:%S%.f", "%Y-%m-%dT%H:%M:%S%.f", "%d.%m.%Y %H:%M:%S%.f"];
+const DATES: [&str; 4] =
+    ["%Y-%m-%d %H:%M:%S%.f", "%Y-%m-%dT%H:%M:%S%.f", "%Y%m%dT%H%M%S%.f", "%d.%m.%Y %H:%M:%S%.f"];
 
 /// How the cells of a table are written.
 #[derive(Clone, Copy)]
@@ -76,9 +77,8 @@ fn date_in(cell: &str) -> Option<i64> {
 /// Says that a cell is no number, and what to do about it; `otherwise`: if nothing in the cell says more.
 pub(super) fn no_number(cell: &str, otherwise: &str) -> String {
     let cell = unquoted(cell);
-    let begins_with_digit =
-        cell.trim_start_matches(['+', '-']).starts_with(|c: char| c.is_ascii_digit());
-    let known = ADVICE.iter().find(|(is_cause, _)| begins_with_digit && is_cause(cell));
+    let has_digit = cell.contains(|c: char| c.is_ascii_digit());
+    let known = ADVICE.iter().find(|(is_cause, _)| has_digit && is_cause(cell));
     let advice = known.map_or(otherwise, |(_, advice)| advice);
     format!("{:?} is no number: {advice}", printable::cell(cell))
 }
@@ -86,8 +86,8 @@ pub(super) fn no_number(cell: &str, otherwise: &str) -> String {
 /// Whether it is the cause, and what to do about it.
 type Cause = (fn(&str) -> bool, &'static str);
 
-/// Why a cell that begins with a digit is no number, the likeliest cause first, and what to do about it.
-const ADVICE: [Cause; 6] = [
+/// Why a cell that has a digit is no number, the likeliest cause first, and what to do about it.
+const ADVICE: [Cause; 7] = [
     (
         |cell| [':', '/'].into_iter().any(|sign| cell.matches(sign).count() >= 2),
         "write times as 2026-11-01T08:00:00.5, or as seconds",
@@ -107,11 +107,24 @@ const ADVICE: [Cause; 6] = [
     ),
     (|cell| cell.starts_with("0x") || cell.starts_with("0X"), "write whole numbers to base 10"),
     (
+        |cell| {
+            let is_around = |c: char| !(c.is_alphanumeric() || ".,% ".contains(c));
+            let (number, signed) =
+                (cell.trim_matches(is_around), cell.trim_start_matches(['+', '-']));
+            number != signed && number.replace(',', ".").parse::<f64>().is_ok()
+        },
+        "write numbers alone, as -0.5: no brackets, quotes or = around them, no sign behind them",
+    ),
+    (
         |cell| cell.chars().all(|c| is_of_number(c) || c.is_whitespace() || ",'_’".contains(c)),
         "write a point before decimals, and nothing between thousands",
     ),
     (
-        |cell| !cell.trim_matches(is_of_number).contains(|c: char| c.is_ascii_digit()),
+        |cell| {
+            let is_digit = |c: char| c.is_ascii_digit();
+            let begins = cell.trim_start_matches(['+', '-']).starts_with(is_digit);
+            begins && !cell.trim_matches(is_of_number).contains(is_digit)
+        },
         "write the unit into the column's name",
     ),
 ];
@@ -121,13 +134,15 @@ fn is_of_number(c: char) -> bool {
 }
 
 /// Whether points or commas stand between thousands in a column, where either may stand before decimals: each number
-/// with one has three digits behind it, and whole numbers below a thousand have none.
+/// with one has three digits behind it, and whole numbers below a thousand have none, or decimals have the other one.
 #[derive(Default)]
 pub(super) struct Grouped {
     /// The first number with a point or comma, and its line.
     first: Option<(u64, String)>,
+    /// The first number whose point or comma can only stand before decimals.
+    decimal: Option<String>,
     has_small: bool,
-    is_other: bool,
+    has_large: bool,
 }
 
 impl Grouped {
@@ -138,26 +153,38 @@ impl Grouped {
         match digits.split_once(['.', ',']) {
             Some((whole, rest)) => {
                 let are_digits = is_digits(whole) && is_digits(rest);
-                let is_group = whole.len() <= 3 && rest.len() == 3 && !whole.starts_with('0');
-                self.is_other |= !(are_digits && is_group);
+                if !(are_digits && whole.len() <= 3 && rest.len() == 3 && !whole.starts_with('0')) {
+                    self.decimal.get_or_insert_with(|| cell.to_owned());
+                }
                 self.first.get_or_insert_with(|| (line, cell.to_owned()));
             }
             None if is_digits(digits) => {
                 self.has_small = true;
-                self.is_other |= digits.len() > 3;
+                self.has_large |= digits.len() > 3;
             }
             None => {}
         }
     }
 
-    /// The line of the first such number, and what is wrong with it.
-    pub fn mistake(self) -> Option<(u64, String)> {
-        let (line, cell) = self.first.filter(|_| self.has_small && !self.is_other)?;
-        let what = format!(
-            "{:?} has three digits behind a point or comma, as all of its column that are no whole ones below 1000: write \
-             nothing between thousands, or all decimals of all numbers",
-            printable::cell(&cell)
-        );
-        Some((line, what))
+    /// The line of the first such number among all columns, and what is wrong with it.
+    pub fn mistake(all: &[&Grouped]) -> Option<(u64, String)> {
+        let decimal = all.iter().find_map(|of| of.decimal.as_ref());
+        all.iter().filter(|of| of.decimal.is_none() && !of.has_large).find_map(|of| {
+            let (line, cell) = of.first.as_ref()?;
+            let other = decimal.filter(|of| of.contains(',') != cell.contains(','));
+            let why = match other {
+                Some(of) => format!("and {:?} the other one before decimals", printable::cell(of)),
+                None if of.has_small => {
+                    "as all of its column that are no whole ones below 1000".to_owned()
+                }
+                None => return None,
+            };
+            let what = format!(
+                "{:?} has three digits behind a point or comma, {why}: write nothing between thousands, or all decimals \
+                 of all numbers",
+                printable::cell(cell)
+            );
+            Some((*line, what))
+        })
     }
 }

@@ -85,10 +85,12 @@ fn read_rows(text: &mut TextTable, path: &Path, columns: &Columns) -> Result<Tab
     let behind = std::iter::from_fn(|| text.next_record().map_err(failed).transpose());
     for row in ahead.into_iter().flatten().map(Ok).chain(behind) {
         let (line, row) = row?;
-        chosen.check_cells(&row).map_err(at(line))?;
+        chosen.check_cells(&row, rows.is_empty()).map_err(at(line))?;
         let cell = |c: usize| row.get(c).unwrap_or_default();
-        if cells.decimal_comma {
-            chosen.outputs.iter().for_each(|c| grouped.entry(*c).or_default().add(cell(*c), line));
+        for c in chosen.time.iter().chain(&chosen.outputs).filter(|_| cells.decimal_comma) {
+            if cells.number(cell(*c)).is_some_and(f64::is_finite) {
+                grouped.entry(*c).or_default().add(cell(*c), line);
+            }
         }
         let number = |c: usize| {
             let otherwise =
@@ -97,13 +99,16 @@ fn read_rows(text: &mut TextTable, path: &Path, columns: &Columns) -> Result<Tab
         };
         // only cells in the column of times may be dates
         let time = |c: usize| {
-            let otherwise = "remove the line, if it is no row of samples";
+            let otherwise = match cell(c).contains(|c: char| c.is_ascii_digit()) {
+                true => "write times as 2026-11-01T08:00:00.5, or as numbers",
+                false => "remove the line, if it is no row of samples",
+            };
             cells.moment(cell(c), date_unit_ns).ok_or_else(|| no_number(cell(c), otherwise))
         };
         let [burst, printhead] = [chosen.burst, chosen.printhead].map(|c| c.map_or("", cell));
         rows.add(line, burst, printhead, number, time).map_err(at(line))?;
     }
-    if let Some((line, what)) = grouped.into_values().find_map(Grouped::mistake) {
+    if let Some((line, what)) = Grouped::mistake(&grouped.values().collect::<Vec<_>>()) {
         return Err(at(line)(what));
     }
     rows.table(unit).ok_or_else(|| FileError::failed(path, "a header and no rows"))
@@ -120,7 +125,10 @@ fn choose(header: &StringRecord, columns: &Columns, cells: Cells) -> Result<Chos
         return Err(format!("a column's name is too long: {:?}", printable::cell(name)));
     }
     let is_number = |name: &String| cells.number(name).is_some_and(f64::is_finite);
-    let unnamed = || Err("the first line holds numbers: it must name the columns".to_owned());
+    let unnamed = || {
+        Err("the first line holds numbers: it must name the columns, without a # before them"
+            .to_owned())
+    };
     if names.iter().all(is_number) {
         return unnamed();
     }

@@ -34,7 +34,13 @@ pub(super) fn read(
     chosen.outputs.retain(|c| !none.contains(c));
     chosen.left_out.extend(none);
     let units = chosen.outputs.iter().filter_map(|c| Some((*c, row.get(*c)?.trim())));
-    of_one_unit(units, &chosen.names)?;
+    let units: Vec<(usize, &str)> = units.filter(|(_, unit)| !unit.is_empty()).collect();
+    of_one_unit(units.iter().copied(), &chosen.names)?;
+    // as if it stood in the name, by which tables are compared
+    for (c, unit) in units {
+        let unit = printable::cell(unit.trim_matches(|c: char| "()[]{}".contains(c)));
+        chosen.names[c] = format!("{} ({unit})", chosen.names[c]);
+    }
     Ok(Some(Units { of_time }))
 }
 
@@ -79,7 +85,7 @@ fn of_time(
         }
         _ => no_number(
             cell,
-            "nor is it a unit of time that is known: remove the line, or give --time-unit",
+            "nor is it a unit of time that is known: --time-unit gives it, where the line is one of units",
         ),
     };
     Err(chosen.of_column(time, &what))

@@ -27,10 +27,9 @@ pub struct TimeColumn<'a> {
 impl TimeColumn<'_> {
     /// What to do about times with too few digits: their rows are samples one after the other.
     pub(super) fn by_rows(self, decay: &Decay) -> String {
-        let (TimeColumn { name, unit_s }, times) = (self, &decay.times);
-        let last = times.len().saturating_sub(1);
-        let mean = (times[last] - times[0]) / last as f64 * unit_s;
-        let mean = if mean > 0.0 { format!(" {}", rounded(mean)) } else { String::new() };
+        let TimeColumn { name, unit_s } = self;
+        let mean = segments::mean_step(&decay.times);
+        let mean = mean.map_or(String::new(), |mean| format!(" {}", rounded(mean * unit_s)));
         let and = match has_word_for_time(name) {
             true => String::new(),
             false => format!(" with --time {name:?}"),
@@ -71,7 +70,9 @@ fn not_increasing(decay: &Decay, k: usize, time: TimeColumn) -> String {
     let (name, n) = (time.name, decay.times.len());
     match (segments::rows_of_each(&decay.times), segments::standing(&decay.times)) {
         (Some(rows), _) => format!(
-            "each time of {name:?} stands in {rows} rows: keep one row of each time, with a column for each channel"
+            "each time of {name:?} stands in {rows} rows: if they are of several channels, give each channel a column of its \
+             own; if one follows the other, {}",
+            time.by_rows(decay)
         ),
         (None, 0) if before == after => format!(
             "rows {k} and {} have one time in {name:?}, {after}: remove one of them, or name the column that tells decays \

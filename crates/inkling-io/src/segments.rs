@@ -2,13 +2,13 @@
 //! from times that lack rows.
 //!
 //! In: the times of a decay. Out: its segments, as decays of their own ([`cut`]); or whether its times are
-//! rounded ([`standing`], [`are_rounded`]) or stand in several rows ([`rows_of_each`]). Instruments that record
+//! rounded ([`standing`], [`are_rounded`]) or stand in several rows ([`rows_of_each`], [`mean_step`]). Instruments that record
 //! segments export all of them in one table: the times go on after a gap, or begin again, after equally many
 //! samples each time, but for the last one, which may have been cut off.
 
 use super::sampling_times::{MOST_OFF_STEP, fitted_period};
 use super::table_file::Decay;
-use inkling_core::model::median::median;
+use inkling_core::model::median::{median, median_of};
 
 /// Fewest samples of a segment, and how many usual steps the gap between two must have at least. A table
 /// that lacks some rows has shorter gaps, and not after equally many rows.
@@ -82,6 +82,18 @@ pub(super) fn rows_of_each(times: &[f64]) -> Option<usize> {
     let mut runs = times.chunk_by(|a, b| a == b).map(<[f64]>::len);
     let rows = runs.next().filter(|rows| (2..times.len() / rows).contains(rows))?;
     runs.all(|of| of == rows).then_some(rows)
+}
+
+/// The mean time from row to row, by the rows in which times begin to be others: the first may have begun before the
+/// table, and the last go on behind it. `None`: they move too rarely to tell.
+pub(super) fn mean_step(times: &[f64]) -> Option<f64> {
+    let rows: Vec<usize> = times.chunk_by(|a, b| a == b).map(<[f64]>::len).collect();
+    let (first, last) = (*rows.first()?, *rows.last()?);
+    let usual = median_of(rows.iter().map(|rows| *rows as f64));
+    let from = if (first as f64) < usual { first } else { 0 };
+    let to = times.len() - last;
+    let step = (times[to] - times.get(from)?) / to.checked_sub(from)? as f64;
+    (step > 0.0).then_some(step)
 }
 
 /// Whether times are regular but for their rounding: they lie as far from a grid as rounding moves them, and no step

@@ -80,8 +80,8 @@ impl ChosenColumns {
     }
 
     /// Refuses a row that lacks a cell that is asked for, or has more cells than there are names. What is empty
-    /// behind the last name is left by a separator at the end.
-    pub fn check_cells(&self, row: &csv::StringRecord) -> Result<(), String> {
+    /// behind the last name is left by a separator at the end. `is_first`: no row stands above it.
+    pub fn check_cells(&self, row: &csv::StringRecord, is_first: bool) -> Result<(), String> {
         let needed = self.asked_for().max().map_or(0, |last| last + 1);
         let is_there = row.iter().skip(self.names.len()).all(str::is_empty) && row.len() >= needed;
         let what = || {
@@ -89,11 +89,26 @@ impl ChosenColumns {
                 true => {
                     "write points before decimals, or semicolons between cells, and none that is too many"
                 }
+                false if is_first => {
+                    "write quotes around a name that holds a comma, or empty cells where nothing was measured"
+                }
                 false => "remove the line, and what is below it, where they are no rows of samples",
             };
             format!("{} cells where the header has {}: {advice}", row.len(), self.names.len())
         };
         is_there.then_some(()).ok_or_else(what)
+    }
+
+    /// Refuses a row that does not say whose it is where a column should.
+    pub fn check_names(&self, burst: &str, printhead: &str) -> Result<(), String> {
+        let mut columns = [(self.burst, burst), (self.printhead, printhead)].into_iter();
+        match columns.find(|(column, name)| column.is_some() && name.is_empty()) {
+            Some((Some(c), _)) => Err(self.of_column(
+                c,
+                "an empty cell: each row must say whose it is; cells that were merged hold it once",
+            )),
+            _ => Ok(()),
+        }
     }
 
     /// Reads the table without its column of times.

@@ -36,6 +36,9 @@ pub(super) fn unread(path: &Path) -> impl Fn(io::Error) -> FileError {
 /// From this size on, whole numbers are taken off times: f64 holds fewer than ten digits behind the point beside them.
 const LARGE_TIME: u64 = 1_000_000;
 
+/// So many numbers that go up by one count rows.
+const FEWEST_COUNTED: usize = 4;
+
 /// How far two readings of one time may differ, relative, by the rounding of their digits.
 const SAME_TIME: f64 = 1e-12;
 
@@ -139,12 +142,14 @@ impl Table {
         Table { time, unit, left_out, outputs, decays: Vec::new(), rows_are_bursts: false }
     }
 
-    /// Leaves out the outputs that are the times once more, as where each channel is exported with its own; one output
-    /// stays.
+    /// Leaves out the outputs that are the times once more, as where each channel is exported with its own, or that count
+    /// the rows; one output stays.
     fn leave_out_copies(&mut self) {
         let is_copy = |c: usize, of: &Decay| {
-            let times = of.times.iter().map(|t| of.base as f64 + t);
-            times.zip(&of.outputs[c]).all(|(t, y)| (y - t).abs() <= SAME_TIME * t.abs())
+            let (times, y) = (of.times.iter().map(|t| of.base as f64 + t), &of.outputs[c]);
+            let counts = || y.windows(2).all(|y| y[1] - y[0] == 1.0 && y[0].fract() == 0.0);
+            times.zip(y).all(|(t, y)| (y - t).abs() <= SAME_TIME * t.abs())
+                || y.len() >= FEWEST_COUNTED && counts()
         };
         for c in (0..self.outputs.len()).rev() {
             if self.outputs.len() > 1 && self.decays.iter().all(|of| is_copy(c, of)) {
@@ -174,6 +179,10 @@ impl Rows<'_> {
         Rows { chosen, decays: Vec::new(), by_name: HashMap::new(), cells: 0 }
     }
 
+    pub fn is_empty(&self) -> bool {
+        self.decays.is_empty()
+    }
+
     /// `line`: see [`Decay::line`]; `cell` gives the number that the row has in a column, `moment` its time there.
     pub fn add(
         &mut self,
@@ -185,6 +194,7 @@ impl Rows<'_> {
     ) -> Result<(), String> {
         let chosen = self.chosen;
         let cell = |c: usize| cell(c).map_err(|what| chosen.of_column(c, &what));
+        chosen.check_names(burst, printhead)?;
         self.cells += 1 + chosen.outputs.len();
         if self.cells > MOST_CELLS {
             return Err(format!(

@@ -20,12 +20,15 @@ pub fn in_order_of_numbers(tables: &mut [PathBuf]) -> bool {
     is_other
 }
 
-/// The texts and the numbers that a name consists of.
-fn parts(path: &Path) -> Vec<(String, Option<u128>)> {
-    let name: Vec<char> = path.to_string_lossy().chars().collect();
-    let parts = name.chunk_by(|a, b| a.is_ascii_digit() == b.is_ascii_digit());
-    let parts = parts.map(|part| part.iter().collect::<String>());
-    parts.map(|part| part.parse().map_or((part, None), |n| (String::new(), Some(n)))).collect()
+/// The texts and the numbers that a name consists of, and those of its ending: `run.csv` stands before `run2.csv`.
+fn parts(path: &Path) -> [Vec<(String, Option<u128>)>; 2] {
+    let ending = path.extension().unwrap_or_default().to_string_lossy();
+    [path.with_extension("").to_string_lossy(), ending].map(|name| {
+        let name: Vec<char> = name.chars().collect();
+        let parts = name.chunk_by(|a, b| a.is_ascii_digit() == b.is_ascii_digit());
+        let parts = parts.map(|part| part.iter().collect::<String>());
+        parts.map(|part| part.parse().map_or((part, None), |n| (String::new(), Some(n)))).collect()
+    })
 }
 
 #[cfg(test)]
@@ -39,6 +42,9 @@ mod tests {
             (["s_1.csv", "s_10.csv", "s_2.csv"], Some(["s_1.csv", "s_2.csv", "s_10.csv"])),
             (["s_10.csv", "s_1.csv", "s_2.csv"], Some(["s_1.csv", "s_2.csv", "s_10.csv"])),
             (["s_2.csv", "s_10.csv", "s_1.csv"], None),
+            (["run.csv", "run2.csv", "run3.csv"], None),
+            (["run.csv", "run10.csv", "run2.csv"], Some(["run.csv", "run2.csv", "run10.csv"])),
+            (["log.1", "log.10", "log.2"], Some(["log.1", "log.2", "log.10"])),
             (["s_08.csv", "s_09.csv", "s_10.csv"], None),
         ] {
             let mut tables = paths(&given);

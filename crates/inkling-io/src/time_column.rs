@@ -19,15 +19,17 @@ pub struct TimeUnit {
 /// The length of each unit in ns, its name, and all words for it.
 const UNITS: [(f64, &str, &str); 8] = [
     (1e-3, "picoseconds", "ps psec psecs picosec picosecond picoseconds"),
-    (1.0, "nanoseconds", "ns nsec nsecs nanosec nanosecond nanoseconds"),
-    (1e3, "microseconds", "us usec usecs microsec microsecond microseconds"),
-    (1e6, "milliseconds", "ms msec msecs millis millisec millisecond milliseconds"),
+    (1.0, "nanoseconds", "ns nano nanos nsec nsecs nanosec nanosecond nanoseconds"),
+    (1e3, "microseconds", "us micro micros usec usecs microsec microsecond microseconds"),
+    (1e6, "milliseconds", "ms milli millis msec msecs millisec millisecond milliseconds"),
     (1e9, "seconds", "s sec secs second seconds"),
     (6e10, "minutes", "min mins minute minutes"),
     (3.6e12, "hours", "h hr hrs hour hours"),
     (8.64e13, "days", "d day days"),
 ];
 
+/// What a unit may be enclosed by.
+const BRACKETS: &str = "()[]{}<>\"'";
 /// Words that stand where a unit may stand, and count something else than time.
 const NO_UNITS: &str =
     "tick ticks sample samples count counts cycle cycles frame frames clock clocks pts";
@@ -86,7 +88,12 @@ impl TimeUnit {
         }
         // `ms_elapsed`; one letter, and `min`, may mean anything there
         let first = Some(first).filter(|word| word.chars().count() > 1 && *word != "min");
-        Ok(TimeUnit::called(last).or_else(|| TimeUnit::called(first?)))
+        let unit = TimeUnit::called(last);
+        let name = name.trim_end_matches(|c: char| !c.is_alphanumeric());
+        match unit.and_then(|_| name.chars().rev().nth(last.chars().count())) {
+            Some(before) if is_lost(before) => Err(unknown(column)),
+            _ => Ok(unit.or_else(|| TimeUnit::called(first?))),
+        }
     }
 
     /// The unit that a text says that should say one; `None`: it says that it does not matter.
@@ -94,12 +101,19 @@ impl TimeUnit {
         let words = words(text);
         let units: Vec<TimeUnit> = words.iter().filter_map(|word| TimeUnit::called(word)).collect();
         let has_factor = words.iter().any(|word| word.starts_with(|c: char| c.is_ascii_digit()));
+        let text = text.trim_matches(|c: char| c.is_whitespace() || BRACKETS.contains(c));
+        let is_whole = text.starts_with(char::is_alphanumeric) && !text.contains(is_lost);
         match units[..] {
-            [unit] if !has_factor => Ok(Some(unit)),
+            [unit] if !has_factor && is_whole => Ok(Some(unit)),
             [] if words.iter().all(|word| is_one_of(word, NO_MATTER)) => Ok(None),
             _ => Err(()),
         }
     }
+}
+
+/// Whether a sign separates no words: it may be what is left of a micro sign, as in `?s`.
+fn is_lost(sign: char) -> bool {
+    !(sign.is_alphanumeric() || sign.is_whitespace() || "_-.,:;|/".contains(sign))
 }
 
 fn unknown(column: &str) -> String {
@@ -163,8 +177,12 @@ pub(super) fn numbers_rows(column: &str) -> bool {
 /// What to do with a column that says, by its name, to which burst or channel the samples of a row belong.
 pub(super) fn not_samples(column: &str) -> Option<String> {
     match &*column.trim().to_lowercase() {
-        "burst" | "shot" | "segment" | "trigger" => Some(format!(
+        "burst" | "shot" | "segment" => Some(format!(
             "looks like the numbers of bursts: --burst {column} divides the table by it"
+        )),
+        "trigger" => Some(format!(
+            "looks like no samples: if it marks an instant, leave it out by --outputs; if it numbers bursts, --burst \
+             {column} divides the table by it"
         )),
         "head" | "printhead" | "head_id" | "printhead_id" => Some(format!(
             "looks like the names of printheads: --printhead {column} divides the table by it"
@@ -195,19 +213,26 @@ mod tests {
     fn units_are_read_in_all_the_ways_in_which_people_write_them() {
         for (names, unit) in [
             (
-                "Time (ms)|Time [ms]|t/ms|TIME_MS|t_ms|Time ms|Time in ms|timeMs|time.ms|t (msec)|ms",
+                "Time (ms)|Time [ms]|t/ms|TIME_MS|t_ms|Time ms|Time in ms|timeMs|time.ms|t (msec)|ms|millis",
                 "milliseconds",
             ),
             (
-                "Time (us)|t_uS|Time us|Time (\u{b5}s)|t / \u{3bc}s|TIME(uS)|x [microseconds]|t{us}",
+                "Time (us)|t_uS|Time us|Time (\u{b5}s)|t / \u{3bc}s|TIME(uS)|x [microseconds]|t{us}|micros|TimeMicros|ts_micro|Time(us.)",
                 "microseconds",
             ),
             ("Time(S)|Time (s)|time_s|Time, s|Time [Sec]|seconds|elapsed seconds|t<s>", "seconds"),
-            ("Time(ns)|t_NS|nanoseconds since start|TimeInNs|Time (ns, relative)", "nanoseconds"),
+            (
+                "Time(ns)|t_NS|nanos|nanoseconds since start|TimeInNs|Time (ns, relative)",
+                "nanoseconds",
+            ),
             ("Time (d)|Time / min|t_h", "days|minutes|hours"),
             ("time|t|x|Zeit|Time (UTC)|Date/Time|first", "-"),
             (
                 "Time (10 us)|t/fortnight|Time [ticks]|time_samples|Time in jiffies|Time (h:min:s)|t (1e-6 s)",
+                "?",
+            ),
+            (
+                "Time (?s)|Time [\u{fffd}s]|t/?s|Time (_s)|Time (.s)|Time (\u{b7}s)|time_?s|Time ?s|Time (m?s)|(*s)",
                 "?",
             ),
         ] {

@@ -80,7 +80,7 @@ pub struct Args {
     /// Sample period: seconds, or a column
     #[arg(long, allow_negative_numbers = true, value_name = "S|COLUMN")]
     pub period_s: Option<String>,
-    /// Whose bursts they are: a name, or a column of a table [default: the file's name, with --start name without its time]
+    /// Whose bursts they are: a name, a column of a table, or `name` of each file [default: the file's name, with --start name without its time]
     #[arg(long, value_name = "NAME")]
     pub printhead: Option<String>,
     /// Number of the first channel
@@ -117,11 +117,15 @@ impl Args {
         Ok(BurstValues { period_s, temperature, voltage, columns })
     }
 
-    /// The printhead's name: the one that is given, else that of the table's file, without its time
-    /// if the time is taken from there.
-    pub fn name(&self) -> Result<String, Failure> {
-        let Some(name) = &self.printhead else {
-            let stem = stem(&self.tables[0]);
+    /// The name of the printhead of a table: the one that is given, else that of its file, without its time if the time
+    /// is taken from there. Where nothing is given, files whose names differ in nothing but a time, or else a number, are
+    /// of the printhead of the first of them.
+    pub fn name(&self, table: &Path) -> Result<String, Failure> {
+        let Some(name) = self.printhead.as_ref().filter(|name| *name != "name") else {
+            let of_one = |other: &&PathBuf| {
+                self.printhead.is_none() && without_number(other) == without_number(table)
+            };
+            let stem = stem(self.tables.iter().find(of_one).map_or(table, PathBuf::as_path));
             let time = time_in_name(&stem).filter(|_| self.start.as_deref() == Some("name"));
             let name = time.map_or(stem, |time| time.without);
             return Ok(name.chars().take(LONGEST_NAME).collect());
@@ -184,6 +188,21 @@ impl Args {
 /// The name of a table's file, without its ending.
 fn stem(table: &Path) -> String {
     table.file_stem().unwrap_or_default().to_string_lossy().into_owned()
+}
+
+/// The letters and digits of a table's name without its time, or else without its last number.
+fn without_number(table: &Path) -> String {
+    let stem = stem(table);
+    let is_digit = |c: char| c.is_ascii_digit();
+    let name = match time_in_name(&stem) {
+        Some(time) if time.without == stem => String::new(),
+        Some(time) => time.without,
+        None => {
+            let end = stem.rfind(is_digit).map_or(0, |at| at + 1);
+            format!("{}{}", stem[..end].trim_end_matches(is_digit), &stem[end..])
+        }
+    };
+    name.chars().filter(|c| c.is_alphanumeric()).collect()
 }
 
 /// A number that an option gives: a constant for all bursts, or a column.

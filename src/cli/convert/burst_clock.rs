@@ -63,7 +63,7 @@ impl BurstClock {
 
         // 1. a time since the epoch, unless the options say when bursts begin
         if let (None, Some((ns, after)), None) = (self.every_ns, time_ns, self.start_ns)
-            && first_ns as f64 + first_after >= ABSOLUTE_NS
+            && is_absolute((first_ns, first_after))
         {
             let time_ns = later(ns, after);
             self.latest_ns = self.latest_ns.max(time_ns);
@@ -93,6 +93,13 @@ impl BurstClock {
         later(start_ns, begins)
     }
 
+    /// Whether a burst has a time of its own since the epoch and the first one has none, or the other way round, and
+    /// these times are to say when bursts begin.
+    pub fn mixes(&self, time_ns: Option<(i64, f64)>) -> bool {
+        let first_ns = self.first_ns.filter(|_| self.every_ns.is_none());
+        first_ns.is_some_and(|first| is_absolute(first) != is_absolute(time_ns.unwrap_or_default()))
+    }
+
     /// Whether nothing gave the time of the first burst.
     pub fn invented(&self) -> bool {
         self.start_ns.is_none() && self.latest_ns.is_none() && self.given > 0
@@ -102,6 +109,11 @@ impl BurstClock {
     pub fn in_a_row(&self) -> bool {
         self.every_ns.is_none() && self.untimed > 1
     }
+}
+
+/// Whether a time of a table, ns and what is added to them, is taken for one since the epoch.
+fn is_absolute((ns, after): (i64, f64)) -> bool {
+    ns as f64 + after >= ABSOLUTE_NS
 }
 
 /// Whether a time, ns since the epoch, is between 1970 and 2200.
@@ -168,9 +180,14 @@ fn date_time(text: &[u8]) -> Option<(i64, &[u8])> {
         let Some((second, text)) = digits(text, 2, b"-_:.") else {
             return Some(([hour, minute, 0, 0], text));
         };
-        // three, six or nine digits directly behind the seconds are parts of a second
-        let n = text.iter().take_while(|c| c.is_ascii_digit()).count();
-        let parts = digits(text, n, b"").filter(|_| [3, 6, 9].contains(&n));
+        // three, six or nine digits behind the seconds are parts of a second; three behind _ or - may number files
+        let behind = match text {
+            [b'.' | b',' | b'_' | b'-', rest @ ..] => rest,
+            _ => text,
+        };
+        let n = behind.iter().take_while(|c| c.is_ascii_digit()).count();
+        let may_number = n == 3 && matches!(text, [b'_' | b'-', ..]);
+        let parts = digits(behind, n, b"").filter(|_| [3, 6, 9].contains(&n) && !may_number);
         let (parts, text) = parts.unwrap_or((0, text));
         Some(([hour, minute, second, parts * 10u32.pow(9 - (n as u32).min(9))], text))
     };
@@ -234,6 +251,23 @@ mod tests {
     }
 
     #[test]
+    fn times_since_the_epoch_and_others_are_mixed_unless_others_say_when_bursts_begin() {
+        let epoch = Some((1_793_520_000_000_000_000, 0.0));
+        for (first, second, every_s, mixes) in [
+            (Some((0, 5.0)), epoch, None, true),
+            (epoch, Some((0, 5.0)), None, true),
+            (epoch, None, None, true),
+            (epoch, epoch, None, false),
+            (None, Some((0, 5.0)), None, false),
+            (epoch, None, Some(0.5), false),
+        ] {
+            let mut clock = begun(None, every_s);
+            assert!(!clock.mixes(first) && clock.next(first, 1.0, 1.0).is_some());
+            assert_eq!(clock.mixes(second), mixes, "{first:?} {second:?}");
+        }
+    }
+
+    #[test]
     fn times_are_found_in_names() {
         let at = |text: &str| {
             DateTime::parse_from_rfc3339(text).ok().and_then(|t| t.timestamp_nanos_opt())
@@ -241,6 +275,9 @@ mod tests {
         for (name, time, without) in [
             ("K1_20261101T080003", "2026-11-01T08:00:03Z", "K1"),
             ("K1_20261101T080003123", "2026-11-01T08:00:03.123Z", "K1"),
+            ("K1_20261101T080003.250", "2026-11-01T08:00:03.25Z", "K1"),
+            ("K1_2026-11-01_08-00-03_250000", "2026-11-01T08:00:03.25Z", "K1"),
+            ("K1_20261101T080003_250", "2026-11-01T08:00:03Z", "K1_250"),
             ("2026-11-01_08-00-03 night", "2026-11-01T08:00:03Z", "night"),
             ("run12_2026-11-01T08:00", "2026-11-01T08:00:00Z", "run12"),
             ("head 20261101", "2026-11-01T00:00:00Z", "head"),

@@ -3,33 +3,34 @@
 //!
 //! In: from `input_bursts`, a decay per burst; from `args`, what the options
 //! give. Out: a [`Burst`] per decay, which `convert` writes ([`Conversion::burst`]); at the end
-//! what was made and what had to be assumed ([`Conversion::tell`], or [`Made`] as JSON).
+//! what was made and what had to be assumed (`tell.rs`, or [`Made`] as JSON).
 
-use super::super::contents;
+mod tell;
+
 use super::super::exit::Failure;
-use super::super::output;
-use super::super::progress::{counted, thousands};
-use super::super::report::printable;
-use super::args::{Args, BurstValue, BurstValues, LONGEST_NAME, SOME_START};
+use super::args::{Args, BurstValue, BurstValues, LONGEST_NAME};
 use super::burst_clock::BurstClock;
 use super::input_bursts::{InputBursts, Times};
 use bytes::Bytes;
 use inkling_core::burst::{Burst, Layout};
+use inkling_io::printable;
 use inkling_io::sampling::Sampled;
 use inkling_io::table_file::Decay;
-use inkling_io::when;
 use serde::Serialize;
 use std::collections::BTreeSet;
-use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 /// Longest sample period, s: even tides, sampled every ten minutes, have a shorter one.
 const LONGEST_PERIOD_S: f64 = 1000.0;
-/// From 1904, where LabVIEW begins to count, to 1970.
-const BEGIN_1904_NS: i64 = 2_082_844_800_000_000_000;
+/// Most characters of a list of names.
+const MOST_NAMED: usize = 400;
 /// Times that move so often in a burst say its length to a tenth, whatever their digits.
 const LEAST_MOVES: usize = 10;
+/// Steps between regular times differ by less than this from their mean, relative; then a sample period is another one
+/// from this factor on.
+const MOST_UNEVEN: f64 = 0.1;
+const MOST_OTHER: f64 = 1.03;
 
 /// A conversion under way: the means by which bursts are made, and what was made so far.
 pub struct Conversion<'a> {
@@ -62,7 +63,7 @@ pub struct Made<'a> {
     samples_per_channel: [u32; 2],
     /// Names of the channels.
     outputs: Vec<String>,
-    /// The printheads that rows of the table name.
+    /// The printheads whose bursts they are.
     printheads: BTreeSet<Arc<str>>,
     /// Number of cells without a value.
     cells_missing: usize,
@@ -77,7 +78,7 @@ impl<'a> Conversion<'a> {
     pub fn new(args: &'a Args, values: &'a BurstValues) -> Result<Conversion<'a>, Failure> {
         Ok(Conversion {
             args,
-            printhead: args.name()?.into(),
+            printhead: args.name(&args.tables[0])?.into(),
             values,
             period: None,
             times: None,
@@ -110,15 +111,17 @@ impl<'a> Conversion<'a> {
         let is_first = self.table.as_os_str().is_empty();
         if !is_first && self.made.outputs != input.outputs {
             let [other, own] = [&self.made.outputs, &input.outputs].map(|of| of.join(", "));
-            let what =
-                printable(&format!("its outputs are {own}, those of the table before {other}"));
-            return Err(Failure::new(format!("{}: {what}", table.display())));
+            let what = format!("its outputs are {own}, those of the table before {other}");
+            let what = printable::line(&what, MOST_NAMED);
+            let advice = "write all in one unit and order, or convert each kind by itself";
+            return Err(Failure::new(format!("{}: {what}: {advice}", table.display())));
         }
         // each name says when its own table began; any other start is that of them all
         if is_first || self.args.start.as_deref() == Some("name") {
             self.clock.start_at(start_ns, self.args.every);
         }
         self.table = table.into();
+        self.printhead = self.args.name(table)?.into();
         self.period = self.values.period_s.or(input.period_s.map(BurstValue::Constant));
         self.times.clone_from(&input.times);
         self.made.outputs.clone_from(&input.outputs);
@@ -148,8 +151,8 @@ impl<'a> Conversion<'a> {
             return Err(of_burst(&format!("{period_s} {what}")));
         }
 
-        if let Some(told_s) = self.period_by_times(decay)
-            && !(0.5..=2.0).contains(&(told_s / period_s))
+        if let Some((told_s, most)) = self.period_by_times(decay)
+            && !(1.0 / most..=most).contains(&(told_s / period_s))
         {
             let what = format!(
                 "its times say one sample every {told_s:.3e} s, --period-s {period_s} s: which is right? Without --period-s its times are taken"
@@ -164,6 +167,11 @@ impl<'a> Conversion<'a> {
         let time_ns = self.times.as_ref().and_then(|of| of.begin(decay));
         if time_ns.is_some_and(|(_, after)| !after.is_finite()) {
             return Err(of_burst("it has no time"));
+        }
+        if self.clock.mixes(time_ns) {
+            let what = "of its times and those of bursts before only one kind counts from 1970: convert each kind by \
+                        itself, or say by --every how far apart bursts begin";
+            return Err(of_burst(what));
         }
         let t_acq_ns = self
             .clock
@@ -210,23 +218,26 @@ impl<'a> Conversion<'a> {
         })
     }
 
-    /// The mean time between a burst's samples by the table's own times, s. `None`: it has none, or they number the
-    /// samples, or they hardly move, as times of bursts and such of few digits.
-    fn period_by_times(&self, decay: &Decay) -> Option<f64> {
+    /// The mean time between a burst's samples by the table's own times, s, and by which factor it may be wrong. `None`:
+    /// it has none, or they number the samples and say no unit, or they hardly move, as times of bursts and such of few
+    /// digits.
+    fn period_by_times(&self, decay: &Decay) -> Option<(f64, f64)> {
         let [first, .., last] = decay.times[..] else { return None };
-        let unit_ns = self.times.as_ref().filter(|_| self.sampled.is_some())?.unit.ns;
-        let steps = (decay.times.len() - 1) as f64;
-        let moves = decay.times.windows(2).filter(|pair| pair[0] != pair[1]).count();
-        let are_numbers = last - first == steps;
-        (moves >= LEAST_MOVES && !are_numbers).then(|| (last - first) * unit_ns / 1e9 / steps)
+        let times = self.times.as_ref().filter(|_| self.sampled.is_some())?;
+        let mean = (last - first) / (decay.times.len() - 1) as f64;
+        let steps = || decay.times.windows(2).map(|pair| pair[1] - pair[0]);
+        let moves = steps().filter(|step| *step != 0.0).count();
+        let are_numbers = mean == 1.0 && !times.has_unit;
+        let is_regular = steps().all(|step| (step / mean - 1.0).abs() < MOST_UNEVEN);
+        let most = if is_regular { MOST_OTHER } else { 2.0 };
+        (moves >= LEAST_MOVES && !are_numbers).then_some((mean * times.unit.ns / 1e9, most))
     }
 
-    /// The printhead of a burst: the one that its row names, or else that of all bursts. `name`: the
+    /// The printhead of a burst: the one that its row names, or else that of its table. `name`: the
     /// name in its row; empty: there is none.
     fn printhead_of(&mut self, name: &str) -> Result<Arc<str>, Failure> {
-        if name.is_empty() {
-            return Ok(self.printhead.clone());
-        }
+        let of_table = self.printhead.clone();
+        let name = if name.is_empty() { &*of_table } else { name };
         if name.chars().count() > LONGEST_NAME {
             return Err(Failure::new("a printhead's name that long?"));
         }
@@ -234,81 +245,5 @@ impl<'a> Conversion<'a> {
         let name = known.unwrap_or_else(|| name.into());
         self.made.printheads.insert(name.clone());
         Ok(name)
-    }
-
-    /// Prints what became of the table, and which of its properties had to be assumed.
-    pub fn tell(&self) -> std::io::Result<()> {
-        let made = &self.made;
-        let mut out = output::report();
-        let path = self.args.out.display();
-        let (bursts, samples) = (counted(made.bursts, "burst"), thousands(made.samples));
-        // in f32, so that rounding of the period does not show
-        let [least, most] = made.sample_period_s.map(|s| s as f32);
-        let to_most = if least == most { String::new() } else { format!(" to {most}") };
-        writeln!(out, "{path}: {bursts}, {samples} samples, one every {least}{to_most} s")?;
-        if let (true, [first, .., last]) = (self.args.by_number, &self.args.tables[..]) {
-            let [first, last] = [first, last].map(|of| printable(&of.display().to_string()));
-            writeln!(out, "  tables are taken in the order of their numbers: {first} to {last}")?;
-        }
-        for (n, output) in (0u64..).zip(&made.outputs) {
-            let channel = n + u64::from(self.args.first_channel);
-            writeln!(out, "  channel {channel}: {}", printable(output))?;
-        }
-        if let Some(Sampled { interpolated, missing, most_off_grid, segments, .. }) = &self.sampled
-        {
-            if *segments > 0 {
-                writeln!(out, "  {segments} bursts are segments: times jump between them")?;
-            }
-            if self.args.resample {
-                write!(out, "  resampled: {interpolated} of {samples} samples interpolated, ")?;
-                writeln!(out, "{missing} cells were missing")?;
-            } else if self.args.period_s.is_none() {
-                writeln!(out, "  times within {most_off_grid:.3} periods of a regular grid")?;
-            }
-        }
-        if let Some(Times { unit, why, .. }) = &self.times {
-            writeln!(out, "  times are taken as {}, {}", unit.name, printable(why))?;
-        }
-        if let Some(ns) = self.clock.latest_ns.filter(|ns| when::is_far_ahead(*ns)) {
-            let [told, since_1904] = [ns, ns - BEGIN_1904_NS].map(contents::time);
-            write!(
-                out,
-                "  times reach to {told}, years from now: if they count since 1904, as LabVIEW "
-            )?;
-            writeln!(out, "does, that is {since_1904}; --start says when the first burst began")?;
-        }
-        if !made.left_out.is_empty() {
-            let left_out: Vec<String> =
-                made.left_out.iter().map(|name| format!("{name:?}")).collect();
-            let left_out = printable(&left_out.join(", "));
-            writeln!(
-                out,
-                "  no outputs, as they number rows, repeat times or are remarks: {left_out} (--outputs)"
-            )?;
-        }
-        if !made.printheads.is_empty() {
-            writeln!(out, "  printheads by their column: {}", made.printheads.len())?;
-        }
-        let [shortest, longest] = made.samples_per_channel;
-        if shortest < longest {
-            write!(out, "  bursts have {shortest} to {longest} samples a channel; ")?;
-            writeln!(out, "a design takes one length, the others are `design_mismatch`")?;
-        }
-        if made.cells_missing > 0 {
-            write!(out, "  {} cells have no value: ", thousands(made.cells_missing as u64))?;
-            writeln!(out, "signals with one are rejected (`non_finite`); --resample interpolates")?;
-        }
-        if self.clock.invented() {
-            writeln!(out, "  nothing says when: the first burst is put at {SOME_START} (--start)")?;
-        }
-        if self.clock.in_a_row() {
-            let put = "put one after the other without a gap (--time, --every)";
-            writeln!(out, "  nothing says when bursts begin: {put}")?;
-        }
-        if self.clock.moved > 0 {
-            let n = self.clock.moved;
-            writeln!(out, "  {n} bursts begin where an earlier one has not ended: put after it")?;
-        }
-        Ok(())
     }
 }

@@ -84,6 +84,8 @@ impl InputBursts {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Times {
     pub unit: TimeUnit,
+    /// Whether the table or an option says the unit.
+    pub has_unit: bool,
     /// The number that stands for 1970.
     zero: f64,
     /// Why they have that unit, in words.
@@ -109,7 +111,8 @@ impl Times {
         let days = DAYS_OF_1970.iter().find(|(zero, _)| LIKELY_DAYS.contains(&(first - zero)));
         let of = |unit: TimeUnit, why: String| {
             let zero = days.filter(|_| unit == TimeUnit::DAYS).map_or(0.0, |(zero, _)| *zero);
-            Ok(Some(Times { unit, zero, why }))
+            let has_unit = table.unit.is_some();
+            Ok(Some(Times { unit, has_unit, zero, why }))
         };
         match (table.unit, columns.unit) {
             (Some(unit), Some(_)) => return of(unit, "by --time-unit".into()),

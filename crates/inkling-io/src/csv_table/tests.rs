@@ -76,12 +76,30 @@ fn missing_cells_are_nan_and_what_is_no_number_names_its_line() {
         ("t,y\n0,1\n,2\n", "line 3: column \"t\": a row without a time"),
         ("t,y\n0,1\ninf,2\n", "line 3"),
         ("t,y\n0,1\n1\n", "line 3: 1 cells where the header has 2: remove the line"),
+        (
+            "t, ms,y\n0,1\n1,2\n",
+            "line 2: 2 cells where the header has 3: write quotes around a name",
+        ),
+        ("t,y\n0,1\n1,(0.1114)\n", "\"(0.1114)\" is no number: write numbers alone, as -0.5"),
+        ("t,y\n0,1\n1,'1.2\n", "is no number: write numbers alone"),
+        ("t,y\n0,1\n1,=\"1.2\"\n", "is no number: write numbers alone"),
+        ("t,y\n0,1\n1,0.1114-\n", "is no number: write numbers alone"),
+        ("t,y\n0,1\n1,200%\n", "the unit into the column's name"),
+        ("timestamp,y\nSun Nov  1 08:00:00 2026,1\n", "is no number: write times as 2026-11-01"),
+        ("t_us,y,Trigger\n0,1,0\n", "if it marks an instant, leave it out by --outputs"),
+        (
+            "t;y\n1.000;2,00000\n1.007;1,5\n",
+            "line 2: \"1.000\" has three digits behind a point or comma, and \"2,00000\"",
+        ),
+        ("t\ty\n1,000\t2.00000\n1,007\t1.5\n", "line 2: \"1,000\" has three digits"),
+        ("Time,y\n(?s),(V)\n0,1\n", "is no number: nor is it a unit of time"),
         ("t,y\n0,5,1,5\n", "line 2: 4 cells where the header has 2: write points before decimals"),
         ("t,y\n00:00.0,1\n00:00.5,1\n", "minutes and seconds, as spreadsheets show times"),
         ("t,y\n0,4.0D+02\n", "write e instead of D"),
         ("t,y\n", "no rows"),
         ("", "is empty: a line of column names"),
         ("0,1\n1,2\n", "must name the columns"),
+        ("# t,y\n0,1\n1,2\n", "must name the columns, without a # before them"),
         ("0,OL\n1,2\n2,3\n3,4\n", "must name the columns"),
         ("t,y\n0,CLIPPED\n1,2\n2,3\n3,4\n", "line 2: column \"y\": \"CLIPPED\" is no number"),
         ("t;y\n0;1'300.5\n1;2\n2;3\n3;4\n", "line 2: column \"y\": \"1'300.5\" is no number"),
@@ -110,12 +128,20 @@ fn missing_cells_are_nan_and_what_is_no_number_names_its_line() {
     ] {
         assert_refused(table(b"t,y\n0,1\n", &columns), &[says]);
     }
+    let of_heads = Columns { printhead: Some("head".into()), ..columns("t", "y", "") };
+    for columns in [of_heads, columns("t", "y", "head")] {
+        let merged = table(b"head,t,y\nK1,0,1\n,1,2\n", &columns);
+        assert_refused(
+            merged,
+            &["line 3: column \"head\": an empty cell", "cells that were merged"],
+        );
+    }
 }
 
 #[test]
 fn dates_are_in_the_unit_of_their_column() {
     for (time, second) in [("t", 1.0), ("t_s", 1.0), ("t_ms", 1e3), ("t_us", 1e6), ("t_ns", 1e9)] {
-        let second_row = ["1970-01-01 00:00:01.5", "1.1.1970 0:00:01.5"];
+        let second_row = ["1970-01-01 00:00:01.5", "1.1.1970 0:00:01.5", "19700101T000001.5"];
         for row in second_row {
             let text = format!("{time},y\n1970-01-01T00:00:01Z,1\n{row},2\n");
             let (_, decays) = plain(&text).unwrap();
@@ -179,6 +205,19 @@ fn what_stands_among_the_names_or_signs_is_read_as_it_is_meant() {
         let (t, decays) = plain(text).unwrap();
         assert_eq!((t.outputs, &decays[0].outputs), (vec!["y".into()], &vec![vec![1.0, -2.0]]));
     }
+}
+
+#[test]
+fn what_counts_rows_from_any_number_is_no_output_and_units_below_names_are_of_the_outputs() {
+    let rows = |first: i32| -> String {
+        (0..5).map(|k| format!("{}e-3,{},{}\n", k, first + k, k * k)).collect()
+    };
+    for first in [0, 1, 1000] {
+        let (t, _) = plain(&format!("t,RECORD,y\n{}", rows(first))).unwrap();
+        assert_eq!((t.outputs, t.left_out), (vec!["y".to_owned()], vec!["RECORD".to_owned()]));
+    }
+    let (t, _) = plain(&format!("t,a,b\n(us),(mV),(mV)\n{}", rows(1))).unwrap();
+    assert_eq!(t.outputs, ["b (mV)"]);
 }
 
 #[test]

@@ -1,7 +1,7 @@
 //! Proposes a dialect for a channel of another logger whose messages look like bursts; `inkling
 //! inspect` prints it to be pasted into the settings.
 //!
-//! In: a channel with its schema, its first message, and the topics of the same kind. Out: a
+//! In: a channel with its schema, some messages, and the topics of the same kind. Out: a
 //! [`Proposal`]: TOML that `inkling replay` takes, with a question mark behind what only a person
 //! can know. It is a guess, a heuristic, and the comments in the block say so.
 //!
@@ -21,7 +21,7 @@ use super::names::{
     TIME, VOLTAGE, find, has_word, sampling,
 };
 use super::plan::{ChannelDescription, Reading, Schema};
-use crate::time_column::is_time;
+use crate::time_column::has_word_for_time;
 use bytes::Bytes;
 use inkling_core::burst::Format;
 use std::fmt::Write as _;
@@ -41,10 +41,15 @@ pub(super) fn is_of_others(schema: &str) -> bool {
     OTHERS.iter().any(|other| own_name.contains(other))
 }
 
-/// `topics` are all topics that carry messages of the same kind; each must have as many parts as
-/// this one. `None`: nothing looks like bursts.
-pub fn guess(written: &ChannelDescription, message: &Bytes, topics: &[&str]) -> Option<Proposal> {
+/// `messages`: the first of the channel, and others of the kind. `topics` are all topics that carry messages of the same
+/// kind; each must have as many parts as this one. `None`: nothing looks like bursts.
+pub fn guess(
+    written: &ChannelDescription,
+    messages: &[&Bytes],
+    topics: &[&str],
+) -> Option<Proposal> {
     let name = written.schema.map_or("", |schema| &schema.name);
+    let (message, others) = messages.split_first()?;
     if is_of_others(name) || message.len() > MOST_MESSAGE_BYTES {
         return None;
     }
@@ -52,8 +57,11 @@ pub fn guess(written: &ChannelDescription, message: &Bytes, topics: &[&str]) -> 
     let first = FirstMessage::of(&reading, message).ok()?;
     let (field, samples) = first.likely_samples().filter(|(of, _)| !first.is_one_of_several(of))?;
 
+    let others = others.iter().filter(|of| of.len() <= MOST_MESSAGE_BYTES);
+    let others = others.filter_map(|of| FirstMessage::of(&reading, of).ok()).collect();
     let (toml, open) = (String::from("[[input.dialect]]\n"), Vec::new());
-    let mut guess = Guess { topic: written.topic, first: &first, samples: &samples, toml, open };
+    let (topic, first, samples) = (written.topic, &first, &samples);
+    let mut guess = Guess { topic, first, others, samples, toml, open };
     guess.say_all(written.schema, field, topics);
     let Guess { toml, open, .. } = guess;
 
@@ -74,6 +82,8 @@ pub struct Proposal {
 struct Guess<'a> {
     topic: &'a str,
     first: &'a FirstMessage,
+    /// Further messages of the kind.
+    others: Vec<FirstMessage>,
     samples: &'a MessageSamples,
     toml: String,
     open: Vec<String>,
@@ -126,8 +136,24 @@ impl Guess<'_> {
                 Some(of) if of.is_of_key => self.say(of.key, &quoted(&of.path), "?"),
                 Some(of) => {
                     let unit = if of.key == "rate_hz" { "Hz" } else { "s" };
-                    let comment = format!("? {} of the first message, in {unit}", of.path);
-                    self.say(of.key, &format!("{:?}", of.value), &comment);
+                    let others = self.others.iter().filter_map(sampling);
+                    let mut others = others.filter(|other| other.path == of.path);
+                    let other = others.find(|other| other.value != of.value);
+                    let path = &of.path;
+                    let (value, comment) = match other.map(|other| other.value) {
+                        Some(other) => {
+                            let values = format!("{:?} and {other:?} {unit}", of.value);
+                            let comment = format!(
+                                "? {path} varies: {values}; give a field that is in {unit}"
+                            );
+                            (QUESTION.to_owned(), comment)
+                        }
+                        None => (
+                            format!("{:?}", of.value),
+                            format!("? {path} of the first message, in {unit}"),
+                        ),
+                    };
+                    self.say(of.key, &value, &comment);
                 }
                 None => {
                     let comment = "? no field of it in s: the sample period, s (or rate_hz)";
@@ -180,8 +206,9 @@ impl Guess<'_> {
         let times: Vec<&FieldInfo> = fields.filter(|of| of.can_be(Slot::Time).is_ok()).collect();
         let stamps = times.iter().filter(|field| field.kind == Kind::Time).copied();
         let stamps: Vec<&FieldInfo> = stamps.collect();
-        let is_named =
-            |field: &&&FieldInfo| is_time(field.path.rsplit('.').next().unwrap_or_default());
+        let is_named = |field: &&&FieldInfo| {
+            has_word_for_time(field.path.rsplit('.').next().unwrap_or_default())
+        };
         let named = TIME.find(&stamps).or_else(|| TIME.find(&times));
         let named = named.or_else(|| times.iter().find(is_named).copied());
         if let Some(field) = named.or(stamps.first().copied()) {

@@ -15,7 +15,7 @@ pub struct Names<'a>(&'a str, &'a str);
 pub const CHANNELS: Names =
     Names("channels n_channels num_channels channel_count nozzles rows nchannels n_nozzles", "");
 pub const COLUMNS: Names = Names(
-    "samples_per_channel samples_per_signal n_samples num_samples sample_count columns cols n",
+    "samples_per_channel samples_per_signal n_samples num_samples sample_count columns cols n ns",
     "",
 );
 pub const FIRST: Names = Names("first_channel channel_offset first_nozzle start_channel first", "");

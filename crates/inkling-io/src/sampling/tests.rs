@@ -63,13 +63,18 @@ fn rows_that_are_not_there_are_counted_and_told() {
 fn advice_about_rounded_times_gaps_between_acquisitions_and_rows_of_one_time_leads_to_right_data() {
     let grid = |k: i32| f64::from(k) * 0.78125;
     let every = |n: i32, of: &dyn Fn(i32) -> f64| (0..n).map(of).collect::<Vec<f64>>();
-    let by_rows = "; --period-s 0.00000078125 takes rows as samples";
+    let by_rows = "--period-s 0.00000078125 takes rows as samples";
     for (times, says) in [
         (every(129, &|k| (grid(k) / 0.5).round() * 0.5), by_rows),
         (every(128, &|k| 1e6 + grid(k) + f64::from(k / 40) * 1e5), "each needs a table"),
         (every(384, &|k| grid(k + 2 * (k / 128))), "4 samples missing"),
         (every(384, &|k| grid(k + 2 * (k / 128))), "each needs a table"),
-        (every(384, &|k| grid(k / 3)), "stands in 3 rows"),
+        (every(384, &|k| grid(k / 3)), "stands in 3 rows: if they are of several channels"),
+        (every(400, &|k| grid(k / 10 * 10)), by_rows),
+        (every(100, &|k| grid(k / 10 * 10)), by_rows),
+        (every(256, &|k| grid((k + 20) / 32 * 32)), by_rows),
+        (every(60, &|k| grid(k / 30 * 30)), by_rows),
+        (every(50, &|k| grid((k + 20) / 40 * 40)), "--period-s takes rows as samples"),
     ] {
         let refusal = sample(vec![decay(times, f64::sin)], T, false).unwrap_err();
         assert!(refusal.contains(says) && !refusal.contains("--resample"), "{says}: {refusal}");
