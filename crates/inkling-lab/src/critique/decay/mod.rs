@@ -137,6 +137,7 @@ fn unexplained(selected: &Selected, left: &Unexplained) -> Vec<String> {
 pub fn critique(data: &Observations) -> Result<Outcome, CritiqueError> {
     let mut all = Decays::of(data)?;
     let clipped = lost::clipped(&all);
+    let held = lost::held(&all);
     let mut strays = BTreeMap::new();
     for last in [false, false, true] {
         all.work.begins(work::ONSET);
@@ -150,8 +151,9 @@ pub fn critique(data: &Observations) -> Result<Outcome, CritiqueError> {
         }
         if strays.len() == known || last {
             let clips = clipped.iter().any(|i| i % all.samples >= decays.skipped);
-            let lost = lost_in_words(&all, clipped.len(), &strays);
-            return judged(data, &selected, (lost, clips));
+            let mut lost = lost_in_words(&all, clipped.len(), &strays);
+            let why_none = clips.then(|| lost.remove(0)).or(held);
+            return judged(data, &selected, lost, why_none);
         }
     }
     unreachable!("the last round returns")
@@ -172,11 +174,12 @@ fn lost_in_words(all: &Decays, clipped: usize, strays: &BTreeMap<usize, f64>) ->
     said.filter(|(count, _)| *count > 0).map(|(_, words)| words).collect()
 }
 
-/// `lost`: what is said of samples that count for nothing; `clips`: the first of it is of samples that were fitted.
+/// `lost`: what is said of samples that count for nothing; `why_none`: why samples that were fitted give no name.
 fn judged(
     data: &Observations,
     selected: &Selected,
-    (mut lost, clips): (Vec<String>, bool),
+    lost: Vec<String>,
+    why_none: Option<String>,
 ) -> Result<Outcome, CritiqueError> {
     let decays = selected.fit.decays;
     let sum = |y: &[f64]| y.iter().map(|v| v * v).sum::<f64>();
@@ -193,10 +196,7 @@ fn judged(
     let (misfit, gain) = gain::measure(selected);
     let structure = structure::of(selected);
     let mut left = left(selected, !causes.is_empty(), &gain.after);
-    let why_none = match clips {
-        true => Some(lost.remove(0)),
-        false => structure::why_no_decay(selected, &structure),
-    };
+    let why_none = why_none.or_else(|| structure::why_no_decay(selected, &structure));
     let is_decay = why_none.is_none();
     if let Some(why) = why_none {
         causes.clear();
