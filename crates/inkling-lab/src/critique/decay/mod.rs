@@ -20,6 +20,8 @@ mod objections;
 mod onset;
 mod plant;
 mod selection;
+#[cfg(test)]
+mod slow_tests;
 mod stretches;
 mod structure;
 mod terms;
@@ -81,6 +83,7 @@ fn left(selected: &Selected, named: bool, gain: &GainFigures) -> Unexplained {
     if let Some(like) = selected.strongest_rival().filter(|_| !named) {
         significant.push(format!("something like {}", like.form.term.words()));
     }
+    significant.extend(words::drift(&selected.fit).filter(|_| !named));
     let mut noted = Vec::new();
     let p = gain::whiteness(&misfit, decays, std::slice::from_ref(&(0..decays.samples)));
     let p = p.min(if named { 1.0 } else { gain.whiteness_p });
@@ -183,8 +186,9 @@ fn judged(
 ) -> Result<Outcome, CritiqueError> {
     let decays = selected.fit.decays;
     let sum = |y: &[f64]| y.iter().map(|v| v * v).sum::<f64>();
-    // an offset may be the larger part of the signals: the ring is judged by the movement that it explains
-    let explained = 1.0 - sum(&selected.fit.misfit()) / sum(&decays.y);
+    // an offset may be the larger part of the signals, or a drift: the ring is judged by the movement that it explains
+    let still = selected.fit.drift().map(|_| selected.fit.still().misfit());
+    let explained = 1.0 - sum(&selected.fit.misfit()) / sum(still.as_ref().unwrap_or(&decays.y));
     // a sound of many partials follows from the samples before, though a single one explains little of it
     let sounds = || Fit::zero(decays).noise().predictable() > MOSTLY;
     if explained.is_nan() || !rings(selected, explained) && !sounds() {
