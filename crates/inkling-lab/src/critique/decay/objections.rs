@@ -34,6 +34,8 @@ pub fn objection(fit: &Fit, index: usize, covariance: &DMatrix<f64>) -> Option<O
         }
         // two modes near one frequency, one of them growing, can mimic a change of frequency or damping
         Term::Line(Line::Mode) if fit.p[at] <= 0.0 || fit.p[SIGMA] <= 0.0 => Some(Objection::Alias),
+        // a drift takes longer than a swing
+        Term::Drift => (TAU * fit.p[at] > fit.p[OMEGA]).then_some(Objection::AtTheEnd),
         Term::Line(Line::Harmonic(_)) => None,
         Term::Line(_) => waves_of(term, at, &fit.p).iter().find_map(|wave| no_line(fit, wave)),
         _ => None,

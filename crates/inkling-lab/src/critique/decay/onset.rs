@@ -34,7 +34,7 @@ pub fn onset(decays: &Decays) -> usize {
     let late = decays.from(last);
     let (bends, rings) = (bent(&late), modes(&late));
     // a sum of many modes fits a pendulum, too, and better than one oscillator does: so it must be needed
-    let is_bent = left(&bends) < LITTLE || foreseen(&bends) < foreseen(&rings);
+    let is_bent = bends.left() < LITTLE || foreseen(&bends) < foreseen(&rings);
     let mut tried = backwards(decays, if is_bent { &bends } else { &rings }, last);
     // the whole record has its own chance, from its own start
     let whole = if is_bent { bent(decays) } else { modes(decays) };
@@ -48,12 +48,6 @@ pub fn onset(decays: &Decays) -> usize {
         (Some(best), Some(whole)) if (best.ln_share - whole.ln_share).exp() < DRIVEN => best.at,
         _ => 0,
     }
-}
-
-/// Misfit over movement, the largest of all outputs.
-fn left(fit: &Fit) -> f64 {
-    let shares = fit.sizes().into_iter().zip(fit.decays.movement()).map(|(left, all)| left / all);
-    shares.fold(0.0, f64::max)
 }
 
 /// The model of the decays from `last` on, fitted from ever earlier samples on.
