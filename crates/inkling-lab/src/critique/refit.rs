@@ -9,7 +9,7 @@
 //! new ones, which are put in, ask for. A round that raises -2 ln likelihood is dropped, and the next one
 //! takes half of the step.
 
-use super::candidates::{Applied, ScoreTests, Scored, Setting};
+use super::candidates::{Applied, Asked, ScoreTests, Scored, Setting};
 use super::catalogue::{Acts, CauseId};
 use super::covariates::DRIVE;
 use super::matrices::means_of_groups;
@@ -103,7 +103,8 @@ impl Refit {
         if matches!(own.id.row().acts, Acts::PreviousRing) {
             model.added.tail_gain = 0.0;
         }
-        ScoreTests::new(&model, setting, &nuisances).score_one(own.id, Some(own))
+        ScoreTests::new(&model, setting, &nuisances)
+            .score_one(Asked { id: own.id, near: Some(own) })
     }
 
     /// -2 ln likelihood, up to a constant, that one more linear step of the mean and the causes would reach,

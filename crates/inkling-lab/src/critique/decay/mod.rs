@@ -17,27 +17,22 @@ mod lost;
 mod motion;
 mod noise;
 mod objections;
-mod onset;
 mod plant;
 mod selection;
-mod stretches;
 mod structure;
 mod terms;
 #[cfg(test)]
 mod tests;
 mod unnamed;
 mod words;
-mod worth;
 
 use super::catalogue::InDecays;
 use super::chance::{THRESHOLD, surprise};
-use super::extended::NotExtended;
 use super::finding::{Cause, Critique, GainFigures, NotTestable, Signals, VERSION, Verdict};
 use super::observations::Observations;
-use super::outcome::{CritiqueError, Outcome};
+use super::outcome::{CritiqueError, NotExtended, Outcome};
 use super::tuned::MOSTLY;
-use super::verdict::Unexplained;
-use super::words::{not_worth, ties};
+use super::words::{Unexplained, not_worth, ties};
 use super::work;
 use crate::plot::digits;
 use children::misfit_power;
@@ -140,7 +135,7 @@ pub fn critique(data: &Observations) -> Result<Outcome, CritiqueError> {
     let mut strays = BTreeMap::new();
     for last in [false, false, true] {
         all.work.begins(work::ONSET);
-        let decays = all.from(onset::onset(&all));
+        let decays = all.from(lost::onset(&all));
         let selected = selection::select(&decays);
         let (misfit, known) = (selected.fit.misfit(), strays.len());
         for (i, far) in lost::strays(&selected.fit) {

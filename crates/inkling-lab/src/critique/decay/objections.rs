@@ -6,8 +6,8 @@
 use super::decays::Decays;
 use super::plant::{Fit, OMEGA, SIGMA, Wave, waves_of};
 use super::terms::{Line, Term};
+use crate::critique::candidate::Objection;
 use crate::critique::candidates::LEAST_PERIODS;
-use crate::critique::objection::Objection;
 use nalgebra::DMatrix;
 use std::f64::consts::{PI, TAU};
 
