@@ -322,6 +322,13 @@ pub struct Compared {
     pub after: Curve,
 }
 
+impl Compared {
+    /// `curves`: before and after.
+    pub fn of(x: Vec<f64>, [before, after]: [Curve; 2]) -> Compared {
+        Compared { x, before, after }
+    }
+}
+
 /// Misfit of a model parameter against a recorded covariate, in bins.
 #[derive(Clone, Debug, Default)]
 pub struct CovariateFigure {

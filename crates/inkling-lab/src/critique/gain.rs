@@ -156,18 +156,11 @@ fn judge(model: &Model, data: &Observations, known: bool, lags: bool) -> Vec<Jud
 
 /// Area under the ROC curve: the share of pairs in which the faulty signal has the larger statistic.
 fn auc(healthy: &[f64], faulty: &[f64]) -> f64 {
-    let mut all: Vec<(f64, bool)> = healthy.iter().map(|v| (*v, false)).collect();
-    all.extend(faulty.iter().map(|v| (*v, true)));
-    all.sort_by(|p, q| p.0.total_cmp(&q.0));
-    let (mut below, mut sum) = (0.0, 0.0);
-    for (_, is_faulty) in all {
-        if is_faulty {
-            sum += below;
-        } else {
-            below += 1.0;
-        }
-    }
-    sum / (healthy.len() as f64 * faulty.len() as f64).max(1.0)
+    let mut sorted = healthy.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    let below = |faulty: &f64| sorted.partition_point(|healthy| healthy <= faulty);
+    let pairs = (healthy.len() * faulty.len()).max(1);
+    faulty.iter().map(below).sum::<usize>() as f64 / pairs as f64
 }
 
 /// The detection threshold, which a share `ALARMS` of healthy signals of channels never heard before is

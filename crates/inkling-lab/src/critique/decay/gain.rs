@@ -197,11 +197,8 @@ pub fn draw(selected: &Selected) -> Figures {
         let mean = (0..n).map(|k| weight * each.iter().map(|r| r[k]).sum::<f64>()).collect();
         Curve::about(mean, std::iter::repeat_n(half, n))
     };
-    let mean_misfit = Compared {
-        x: (0..n).map(|k| decays.time_s(k)).collect(),
-        before: mean(&before),
-        after: mean(&after),
-    };
+    let times = (0..n).map(|k| decays.time_s(k)).collect();
+    let mean_misfit = Compared::of(times, [&before, &after].map(|misfit| mean(misfit)));
 
     // mean spectrum over the bursts; the band is about that of white noise of the same size
     let [low, high] = band_of_means(decays.bursts as f64);
@@ -213,13 +210,10 @@ pub fn draw(selected: &Selected) -> Figures {
         let edge = |by: f64| vec![sd * sd * by; y.len()];
         Curve { low: edge(low), high: edge(high), y }
     };
-    let power = mean_power(&before);
+    let powers = [&before, &after].map(|misfit| mean_power(misfit));
     let step_hz = 4.0 / ((4 * n).next_power_of_two() as f64 * decays.dt_s);
-    let spectrum = Compared {
-        x: (0..power.y.len()).map(|j| (j + 1) as f64 * step_hz).collect(),
-        after: mean_power(&after),
-        before: power,
-    };
+    let hertz = (0..powers[0].y.len()).map(|j| (j + 1) as f64 * step_hz).collect();
+    let spectrum = Compared::of(hertz, powers);
     Figures {
         mean_misfit,
         spectrum,

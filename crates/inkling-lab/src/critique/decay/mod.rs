@@ -16,14 +16,12 @@ mod gain;
 mod lost;
 mod motion;
 mod noise;
-mod objections;
 mod plant;
 mod selection;
 mod structure;
 mod terms;
 #[cfg(test)]
 mod tests;
-mod unnamed;
 mod words;
 
 use super::catalogue::InDecays;
@@ -37,6 +35,7 @@ use super::work;
 use crate::plot::digits;
 use children::misfit_power;
 use decays::Decays;
+use inkling_core::model::inner_product::dot;
 use inkling_core::model::spectrum;
 use inkling_core::numbers::FEW;
 use noise::{ROUNDED, sizes};
@@ -174,9 +173,9 @@ fn judged(
     (mut lost, clips): (Vec<String>, bool),
 ) -> Result<Outcome, CritiqueError> {
     let decays = selected.fit.decays;
-    let sum = |y: &[f64]| y.iter().map(|v| v * v).sum::<f64>();
     // an offset may be the larger part of the signals: the ring is judged by the movement that it explains
-    let explained = 1.0 - sum(&selected.fit.misfit()) / sum(&decays.y);
+    let misfit = selected.fit.misfit();
+    let explained = 1.0 - dot(&misfit, &misfit) / dot(&decays.y, &decays.y);
     // a sound of many partials follows from the samples before, though a single one explains little of it
     let sounds = || Fit::zero(decays).noise().predictable() > MOSTLY;
     if explained.is_nan() || !rings(selected, explained) && !sounds() {

@@ -1,7 +1,7 @@
 //! One oscillator's free motion, with what may be nonlinear in it.
 //!
 //! x'' = -2 sigma x' - omega^2 (x + k x^3, or sin) - drag |x'| x' - omega^2 stick sign(x'), and the
-//! rivals of `unnamed.rs`. Time counts in samples, x in the largest deviation of the first output
+//! rivals of `terms.rs`. Time counts in samples, x in the largest deviation of the first output
 //! from its mean.
 //!
 //! In: rates, strengths, and the state at the first sample. Out: x and x'/omega at every sample
@@ -13,7 +13,7 @@
 //! decay, to rounding. Dry friction changes its sign where x' passes zero: that instant is found,
 //! and the body stays at rest where the spring is weaker than the friction.
 
-use super::unnamed::{RATES, SENSORS, SPRINGS, Strengths};
+use super::terms::{RATES, SENSORS, SPRINGS, Strengths};
 use inkling_core::model::waves::swing;
 use nalgebra::{Matrix2, Vector2};
 

@@ -68,11 +68,6 @@ pub fn waves_of(term: Term, at: usize, p: &[f64]) -> Vec<Wave> {
     }
 }
 
-/// How many free amplitudes a term has in every series: an offset, or those of the cosine and the sine of waves.
-pub fn columns_of(term: Term, at: usize, p: &[f64]) -> usize {
-    usize::from(term == Term::Offset) + 2 * waves_of(term, at, p).len()
-}
-
 /// A model of some decays: the oscillator with its terms, and their numbers. `fit.rs` finds these.
 #[derive(Clone, Debug)]
 pub struct Fit<'a> {

@@ -3,9 +3,9 @@
 //! causes are named rightly and sizes lie in their intervals, on seeds that nothing was tuned on,
 //! and that known aliases and unphysical signs are never named.
 
+use super::children::objection;
 use super::decays::Decays;
 use super::noise::Noise;
-use super::objections::objection;
 use super::plant::{Fit, OMEGA, SIGMA};
 use super::terms::{Line, Term};
 use super::{critique, motion::Form};
