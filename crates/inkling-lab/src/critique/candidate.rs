@@ -1,14 +1,14 @@
 //! A candidate for a cause after its test, whatever it acts on: the mean signal, codes, noise, or a decay.
 //!
 //! In: a test's statistic. Out: whether the candidate can be the cause (its `surprise` exceeds `THRESHOLD`,
-//! and no `objection` speaks against it), its row of the evidence, and the cause that it becomes.
+//! and no `objection` speaks against it), its row of the evidence, and the cause that it becomes. An [`Objection`]
+//! is a property of a candidate that fits but cannot be the cause; a [`WhyNot`] is the reason that a row tells.
 
 use super::catalogue::CauseId;
 use super::chance::{DETECTION_LIMIT, THRESHOLD, statistic_of, surprise};
 use super::finding::{Cause, Evidence};
 use thiserror::Error;
 
-/// Why a candidate that fits cannot be the cause.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 pub enum Objection {
     /// The data cannot test it; the words say what it needs.
@@ -59,7 +59,6 @@ pub enum Objection {
     TooWeak,
 }
 
-/// Why it is no cause, as a row of the evidence tells.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 pub enum WhyNot {
     #[error("not significant")]

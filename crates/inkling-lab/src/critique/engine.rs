@@ -180,9 +180,7 @@ impl Prepared {
         // codes first: what is accepted of them becomes part of the baseline (rails, lattice)
         data.work.begins(work::CODES);
         let codes = codes::test(&data, &mut baseline);
-        if !codes.is_empty() {
-            baseline.fit(&data, 2);
-        }
+        baseline.fit(&data, 2);
         let noise = ensemble::test(&data, &baseline);
         let mut artefacts = Artefacts { codes, noise, odd_signals: 0.0 };
 

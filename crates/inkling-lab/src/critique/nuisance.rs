@@ -18,8 +18,7 @@ use nalgebra::{DMatrix, DVector};
 #[derive(Clone, Debug)]
 pub struct Nuisance<'a> {
     space: &'a Space,
-    /// The directions U: the `ALL` parameters of the mean channel, then the causes, then the errors of their
-    /// models.
+    /// The directions U: the `ALL` parameters of the mean channel, then the causes.
     directions: Vec<Direction>,
     places: Places,
     /// Pseudo-inverse of U^T K U, with the priors of the real pole.

@@ -7,8 +7,7 @@
 //!
 //! A cause moves a signal's parameters theta = (ln sigma, ln omega, a, b, c, ln lambda/sigma) by z
 //! v, where z is the standardised covariate of the signal and v says how far each parameter moves.
-//! The test is that of the direction v in the space where channels are scattered. What is special
-//! here:
+//! The test is that of the direction v in the space where channels are scattered. What is special here:
 //!
 //! - the state at t_a may follow the covariate as well, in an unknown way, so the amplitudes are left
 //!   free in addition (`on_rates`);
