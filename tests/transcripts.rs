@@ -26,7 +26,7 @@ macro_rules! transcripts {
 
 // one test for each file
 transcripts! {
-    acknowledged annotations batches changes convert evaluation follow hostile independent inspect kills labels layouts night nights not_judged outputs own_classes report
+    acknowledged annotations batches changes convert evaluation follow formats hostile independent inspect kills labels layouts night nights not_judged outputs own_classes report
     scripts
 }
 

@@ -120,8 +120,8 @@ pub struct TrainedDesign {
 /// Reads labels and recordings, trains a design, and checks that each labelled class can be named.
 ///
 /// # Errors
-/// A usage failure if the labels or the settings are wrong, if too few signals are
-/// healthy, or if a class would hardly be named; else a failure.
+/// A usage failure if the labels or the settings are wrong, if fewer signals are healthy than are needed, or if a class
+/// would hardly be named. Else a failure, also if no signal at all is healthy: names or times do not agree then.
 pub fn learn(lesson: TrainingInput) -> Result<TrainedDesign, Failure> {
     let TrainingInput { recordings, labels: written, new_class, settings } = lesson;
 
@@ -142,7 +142,7 @@ pub fn learn(lesson: TrainingInput) -> Result<TrainedDesign, Failure> {
         )));
     }
 
-    // 2. train; signals that are no ring-downs are refused before
+    // 2. train; healthy signals that are no ring-downs are refused first: by a design nobody would look at that again
     set.healthy.iter().try_for_each(|(name, signals)| refuse_no_rings(name, signals))?;
     let grey_box = &settings.identify.grey_box;
     let mut warnings = set.check_temperatures(grey_box);
@@ -178,11 +178,11 @@ fn refuse_no_rings(printhead: &str, signals: &SignalSet) -> Result<(), Failure> 
     }
     let samples = &signals.data[..rows * signals.samples];
     let samples: Vec<f64> = samples.iter().map(|&y| y.into()).collect();
-    let implausible = RowLayout::of(&samples, rows, false).filter(|lie| !lie.is_plausible());
+    let implausible = RowLayout::of(&samples, rows, false).filter(|of| !of.is_plausible());
     let Some(RowLayout { neighbours, alike, .. }) = implausible else { return Ok(()) };
     let (printhead, alike) = (printable(printhead), alike.max(0.0));
     Err(Failure::new(format!(
-        "{printhead}: what is labelled `healthy` are no ring-downs as laid out: neighbouring samples of a signal \
+        "{printhead}: the signals labelled `healthy` are no ring-downs as laid out: neighbouring samples of a signal \
          correlate {neighbours:.2}, and signals have {alike:.2} of their energy in common; look at `format`, `layout`, \
          `channels` and `samples_per_channel`, and at the labels"
     )))
@@ -252,7 +252,7 @@ fn refuse_hardly_named(reviews: &[ClassReview], labels: &Path) -> Result<(), Fai
         return Ok(());
     }
     let what = format!("look at these rows of {}, or label them `ignore`", labels.display());
-    Err(Failure::usage(format!("{}; no design is written: {what}", all.join("; "))))
+    Err(Failure::usage(format!("{}; no design is written; {what}", all.join("; "))))
 }
 
 /// The warning about a class of which hardly any signals are detected.
@@ -260,7 +260,7 @@ fn hardly_detected(class: &ClassReview) -> String {
     let (name, Judged { signals, detected, .. }) = (printable(&class.name), &class.trained_on);
     format!(
         "class {name}: hardly detectable: {detected} of its {signals} labelled signals pass the chosen \
-         detection, and what does not pass is named nothing"
+         detection, and what does not pass gets no name"
     )
 }
 
@@ -268,7 +268,7 @@ fn hardly_detected(class: &ClassReview) -> String {
 fn sized_otherwise(class: &ClassReview) -> String {
     let (name, Judged { sized, sized_right, .. }) = (printable(&class.name), &class.trained_on);
     format!(
-        "class {name}: of {sized} signals the 95 % interval of the size holds the labelled one in {sized_right}: sizes will be \
+        "class {name}: the labelled size lies within the 95 % interval in {sized_right} of {sized} signals: sizes will be \
          those of the physics. Look at the labelled sizes and their unit, or leave them empty"
     )
 }

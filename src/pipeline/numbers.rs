@@ -1,4 +1,4 @@
-//! What nobody derived of who judges, which times are believed and how often a head is looked at. Half and twice of
+//! What nobody derived of who judges, which times and samples are believed and how often a head is looked at. Half and twice of
 //! these were not measured.
 
 /// A printhead that prints again after a longer pause than this, ns, would be in another recording.
@@ -23,3 +23,12 @@ pub const FEWEST: u64 = 1024;
 pub const OF_CHANNEL: u64 = 32;
 /// So many windows of a group are tried: while its bursts wait for a judge, all others do.
 pub const MOST_WINDOWS: u32 = 4;
+
+/// Signals are clipped that have so many samples in a row at one value, if this share of all signals is so: tried on the
+/// sample, clipped at three quarters of its amplitude and not clipped, and on rings in few codes.
+pub const STAND_STILL: usize = 3;
+pub const CLIPPED: f64 = 0.25;
+/// A step from one sample to the next that no signal of 16 bits makes: three quarters of their range.
+pub const WRAPS: f64 = 49_152.0;
+/// In so many bursts, each with other samples, channels are alike bit for bit that are copies of each other.
+pub const ALIKE_BURSTS: usize = 3;

@@ -159,10 +159,11 @@ pub fn note_not_judged(
             printhead: of.printhead.to_string(),
             what: of.of_other_unit()?,
             is_of_most: true,
+            is_settled_by_design: false,
         })
     });
     let doubts = doubts.into_iter().chain(of_other_unit);
-    let doubts: Vec<NotJudged> = doubts.map(|doubt| doubted(doubt, tally, has_design)).collect();
+    let doubts: Vec<NotJudged> = doubts.map(|doubt| doubted(doubt, tally)).collect();
     report.unread.extend(of_some.into_iter().map(|Doubt { printhead, what, .. }| NotJudged {
         what: format!("{printhead}: {what}"),
         printhead: Some(printhead),
@@ -289,12 +290,13 @@ fn without_times(of: &Untimely, settings: &Settings) -> NotJudged {
     NotJudged { printhead, topic: None, signals, judged, what }
 }
 
-fn doubted(doubt: Doubt, tally: &Tally, has_design: bool) -> NotJudged {
-    let Doubt { printhead, what, .. } = doubt;
+fn doubted(doubt: Doubt, tally: &Tally) -> NotJudged {
+    let Doubt { printhead, what, is_settled_by_design, .. } = doubt;
     let signals = tally.printheads.get(&*printhead).map_or(0, |head| head.signals);
-    // where a design judges, only clipping is doubted, which no design puts right
-    let or_design =
-        if has_design { "" } else { ", or a design of such signals is given (`inkling train`)," };
+    let or_design = match is_settled_by_design {
+        true => ", or a design of such signals is given (`inkling train`),",
+        false => "",
+    };
     let what = format!(
         "{printhead}: {what}. Until that is put right{or_design} its verdicts say nothing of nozzles"
     );

@@ -3,22 +3,23 @@
 //!
 //! In: a recording, from `recording_report` and from `inspect`. Out: a [`Doubt`] for each printhead whose signals speak
 //! against their layout, sample period or number format, are clipped or copies ([`doubts`]), before faults are made of
-//! that. Where a design judges, layout and period are not looked at, and only the printheads that the first bursts are
-//! of. No signal is judged by it.
+//! that. Where a design judges, layout and period are not looked at, and fewer bursts for the rest. Printheads whose
+//! bursts come later than the first blocks are not looked at. No signal is judged by it.
 //!
-//! A layout is wrong if neighbouring samples of a channel hardly correlate, or if channels have little in common,
-//! while with rows and columns exchanged both hold ([`RowLayout`]). A sample period is wrong if the mean signal would
+//! A layout is doubted if neighbouring samples of a channel hardly correlate; also if it is implausible, since channels
+//! have little in common, and the exchanged one is plausible ([`RowLayout`]). A sample period is wrong if the mean signal would
 //! ring outside of 500 Hz to 2 MHz, or holds less than one period. Signals are clipped where many of them stand still
 //! at the largest value that any of them has, or at the smallest one. All these limits are heuristic.
 
 use super::batches::usable;
+use super::numbers::{ALIKE_BURSTS, CLIPPED, STAND_STILL, WRAPS};
 use crate::report::{numbered, three_digits};
 use inkling_core::burst::{Burst, Format, Layout};
 use inkling_core::model::row_layout::{LEAST_NEIGHBOURS, RowLayout, periods};
 use inkling_io::recording::Recording;
 use std::collections::{BTreeMap, HashMap};
 
-/// Maximum number of blocks that are read, and number of bursts after which no more are decoded.
+/// Maximum number of blocks that are read, and of bursts of a printhead that are kept.
 const MOST_BLOCKS: usize = 4;
 const MOST_BURSTS: usize = 64;
 /// Maximum number of rows decoded at a time.
@@ -29,19 +30,11 @@ const RINGS_WITHIN: [f64; 2] = [500.0, 2e6];
 const MOST_TOLD: usize = 8;
 /// Of fewer channels a single faulty one makes them unlike each other.
 const FEWEST_ALIKE: usize = 6;
-/// Signals are clipped that have so many samples in a row at one value, if this share of all signals is so. Both are
-/// arbitrary: tried on the sample, clipped at three quarters of its amplitude and not clipped, and on rings in few codes.
-const STAND_STILL: usize = 3;
-const CLIPPED: f64 = 0.25;
-/// So many bursts, and of each so many channels, are looked at for that.
-const MOST_CLIPPED_BURSTS: usize = 8;
-const MOST_CLIPPED_CHANNELS: u32 = 64;
-/// Channels of more than this many times the median channel's energy are left out.
+/// Bursts of a printhead that are looked at where a design judges, and everywhere for clipping, and channels of each then.
+const FEW_BURSTS: usize = 8;
+const CLIPPING_CHANNELS: u32 = 64;
+/// Channels of more than this many times the median channel's energy say nothing of a layout.
 const MOST_ENERGY: f64 = 100.0;
-/// A step from one sample to the next that no signal of 16 bits makes: three quarters of their range.
-const WRAPS: f64 = 49_152.0;
-/// In so many bursts, each with other samples, channels are alike bit for bit that are copies of each other.
-const ALIKE_BURSTS: usize = 3;
 
 /// Why the signals of a printhead may not be what they are read as.
 #[derive(Debug, PartialEq)]
@@ -50,34 +43,41 @@ pub struct Doubt {
     pub what: String,
     /// Whether it concerns most of its channels, so that its verdicts say nothing of nozzles.
     pub is_of_most: bool,
+    /// Whether a design of such signals would settle it: it is about how they lie, or how far apart samples are.
+    pub is_settled_by_design: bool,
 }
 
 /// `has_design`: whether a design judges, which knows how its signals lie and how far apart their samples are.
 pub fn doubts(recording: &Recording, has_design: bool) -> Vec<Doubt> {
-    let mut by_printhead: BTreeMap<String, Vec<Burst>> = BTreeMap::new();
-    let most = if has_design { MOST_CLIPPED_BURSTS } else { MOST_BURSTS };
-    for burst in first_bursts(recording, most) {
-        by_printhead.entry(burst.printhead.to_string()).or_default().push(burst);
-    }
+    let most = if has_design { FEW_BURSTS } else { MOST_BURSTS };
     let doubt = |(printhead, bursts): (String, Vec<Burst>)| {
         let of_ring = || of_layout(&bursts).or_else(|| of_period(&bursts));
-        let what = if has_design { None } else { of_ring() };
-        let what = what.or_else(|| of_format(&bursts)).or_else(|| of_clipping(&bursts));
-        match what {
-            Some(what) => Some(Doubt { printhead, what, is_of_most: true }),
+        if let Some(what) = if has_design { None } else { of_ring() } {
+            return Some(Doubt { printhead, what, is_of_most: true, is_settled_by_design: true });
+        }
+        match of_format(&bursts).or_else(|| of_clipping(&bursts)) {
+            Some(what) => {
+                Some(Doubt { printhead, what, is_of_most: true, is_settled_by_design: false })
+            }
             None => of_copies(printhead, &bursts),
         }
     };
-    by_printhead.into_iter().filter_map(doubt).take(MOST_TOLD).collect()
+    first_bursts(recording, most).into_iter().filter_map(doubt).take(MOST_TOLD).collect()
 }
 
-fn first_bursts(recording: &Recording, most: usize) -> Vec<Burst> {
-    let (mut reader, mut all) = (recording.reader(), Vec::new());
+/// By printhead, the `most` first bursts of each: of those in the first blocks, until all that were met have as many.
+fn first_bursts(recording: &Recording, most: usize) -> BTreeMap<String, Vec<Burst>> {
+    let (mut reader, mut all) = (recording.reader(), BTreeMap::<String, Vec<Burst>>::new());
     for block in recording.blocks().filter_map(Result::ok).take(MOST_BLOCKS) {
         reader.load(&block);
         while let Some(piece) = reader.next_piece(MOST_ROWS) {
-            all.extend(piece.acquisitions.iter().filter_map(usable).cloned());
-            if all.len() >= most {
+            for burst in piece.acquisitions.iter().filter_map(usable) {
+                let of_head = all.entry(burst.printhead.to_string()).or_default();
+                if of_head.len() < most {
+                    of_head.push(burst.clone());
+                }
+            }
+            if !all.is_empty() && all.values().all(|of| of.len() >= most) {
                 return all;
             }
         }
@@ -92,9 +92,9 @@ fn signal(burst: &Burst, channel: u32) -> Vec<f64> {
     signal
 }
 
-/// The samples, counts, of a burst's usual channels in the order in which they lie in memory, and the number of these
-/// channels. One at a rail, or far from zero, has more energy than all others, and says nothing of the layout.
-fn numbers(burst: &Burst) -> (Vec<f64>, usize) {
+/// How a burst's usual channels lie, if they lie as it says. One at a rail, or far from zero, has much more energy than the
+/// others, and says nothing of the layout.
+fn row_layout(burst: &Burst) -> Option<RowLayout> {
     let samples = burst.samples_per_channel as usize;
     let mut signals: Vec<Vec<f64>> = (0..burst.channels).map(|c| signal(burst, c)).collect();
     let energy = |signal: &Vec<f64>| signal.iter().map(|y| y * y).sum::<f64>();
@@ -102,13 +102,13 @@ fn numbers(burst: &Burst) -> (Vec<f64>, usize) {
     energies.sort_by(f64::total_cmp);
     let most = MOST_ENERGY * energies.get(energies.len() / 2).copied().unwrap_or(0.0);
     signals.retain(|signal| energy(signal) <= most);
-    let numbers = match burst.layout {
+    let in_memory = match burst.layout {
         Layout::ChannelMajor => signals.concat(),
         Layout::SampleMajor => {
             (0..samples).flat_map(|k| signals.iter().map(move |of| of[k])).collect()
         }
     };
-    (numbers, signals.len())
+    RowLayout::of(&in_memory, signals.len(), burst.layout == Layout::SampleMajor)
 }
 
 /// The doubt about a layout, if more than half of the bursts give it: they look like ring-downs laid out the other
@@ -116,19 +116,24 @@ fn numbers(burst: &Burst) -> (Vec<f64>, usize) {
 fn of_layout(bursts: &[Burst]) -> Option<String> {
     let (mut noisy, mut other_way) = (Vec::new(), Vec::new());
     for burst in bursts {
-        let (all, channels) = numbers(burst);
-        let sample_major = burst.layout == Layout::SampleMajor;
-        let Some(here) = RowLayout::of(&all, channels, sample_major) else { continue };
+        let exchanged = match burst.layout {
+            Layout::ChannelMajor => Layout::SampleMajor,
+            Layout::SampleMajor => Layout::ChannelMajor,
+        };
+        let exchanged = Burst { layout: exchanged, ..burst.clone() };
+        let Some(here) = row_layout(burst) else { continue };
         if here.neighbours < LEAST_NEIGHBOURS {
             noisy.push(here);
         }
-        let other = RowLayout::of(&all, channels, !sample_major).filter(RowLayout::is_plausible);
-        if let Some(other) = other.filter(|_| channels >= FEWEST_ALIKE && !here.is_plausible()) {
+        let other = row_layout(&exchanged).filter(RowLayout::is_plausible);
+        if let Some(other) =
+            other.filter(|_| burst.channels as usize >= FEWEST_ALIKE && !here.is_plausible())
+        {
             other_way.push((here, other));
         }
     }
 
-    let major = |lie: &RowLayout| if lie.sample_major { "sample-major" } else { "channel-major" };
+    let major = |of: &RowLayout| if of.sample_major { "sample-major" } else { "channel-major" };
     // the other layout is the likelier cause
     if let Some((here, other)) = other_way.first().filter(|_| 2 * other_way.len() > bursts.len()) {
         return Some(format!(
@@ -174,9 +179,9 @@ fn of_period(bursts: &[Burst]) -> Option<String> {
 
 /// The doubt about the largest and the smallest value. Signals at the rails of 16 bit are rejected, and told so.
 fn of_clipping(bursts: &[Burst]) -> Option<String> {
-    let bursts = &bursts[..bursts.len().min(MOST_CLIPPED_BURSTS)];
+    let bursts = &bursts[..bursts.len().min(FEW_BURSTS)];
     let some = |burst: &Burst| {
-        let step = burst.channels.div_ceil(MOST_CLIPPED_CHANNELS).max(1);
+        let step = burst.channels.div_ceil(CLIPPING_CHANNELS).max(1);
         (0..burst.channels).step_by(step as usize)
     };
     let signals = bursts.iter().flat_map(|burst| some(burst).map(|c| signal(burst, c)));
@@ -210,8 +215,8 @@ fn of_format(bursts: &[Burst]) -> Option<String> {
     }
     (2 * wrapped > all).then(|| {
         format!(
-            "{wrapped} of {all} signals jump from one end of 16 bits to the other: are they unsigned counts, which are not \
-             read? Record them as signed ones, less 32768"
+            "{wrapped} of {all} signals jump from one end of 16 bits to the other: are they unsigned counts? Only signed ones \
+             are read: subtract 32768 when recording"
         )
     })
 }
@@ -245,11 +250,11 @@ fn of_copies(printhead: String, bursts: &[Burst]) -> Option<Doubt> {
     let is_of_most = 2 * copies.len() > counts.len();
     (!copies.is_empty()).then(|| {
         let what = format!(
-            "{} hold the samples of each other, bit for bit: does the multiplexer stand, or was a channel written several \
-             times? What is said of them is of one",
+            "{} hold the samples of each other, bit for bit: is the multiplexer stuck, or was a channel written several \
+             times? What is said of them is said of one channel",
             numbered(&copies)
         );
-        Doubt { printhead, what, is_of_most }
+        Doubt { printhead, what, is_of_most, is_settled_by_design: false }
     })
 }
 
@@ -332,12 +337,15 @@ mod tests {
 
     #[test]
     fn one_channel_at_a_rail_is_no_wrong_layout_and_a_wrong_layout_is() {
-        let ring = |channel: usize| -> Vec<f32> {
-            let [size, turn] = [90.0 + channel as f64, 0.3 + 1e-4 * channel as f64];
-            let sample = |k: f64| size * (-k / 50.0).exp() * (turn * k).cos();
-            (0..128).map(|k| sample(f64::from(k)) as f32).collect()
-        };
-        for layout in [Layout::ChannelMajor, Layout::SampleMajor] {
+        for (layout, fade) in [Layout::ChannelMajor, Layout::SampleMajor]
+            .into_iter()
+            .flat_map(|layout| [50.0, 12.0].map(|fade| (layout, fade)))
+        {
+            let ring = |channel: usize| -> Vec<f32> {
+                let [size, turn] = [90.0 + channel as f64, 0.3 + 1e-4 * channel as f64];
+                let sample = |k: f64| size * (-k / fade).exp() * (turn * k).cos();
+                (0..128).map(|k| sample(f64::from(k)) as f32).collect()
+            };
             let mut signals: Vec<Vec<f32>> = (0..48).map(ring).collect();
             signals[7] = vec![32767.0; 128];
             let burst = Burst::of(&signals, 1e-6, Format::F32Le, layout);

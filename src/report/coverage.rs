@@ -1,11 +1,11 @@
-//! Which part of the recordings was judged, and which was not, since the page may say that nothing
-//! needs care only of what was judged.
+//! Which part of the recordings was judged, and which was not. The page may say that nothing needs care only about what
+//! was judged, so it says, too, what was not.
 //!
 //! In: a [`Survey`] that has seen all verdicts, the JSON documents of the recordings' summaries,
 //! and the recordings that have no verdicts. Out: a [`Coverage`], which the page, the terminal
 //! (`first`) and the JSON output tell.
 //!
-//! A gap is something that was not judged, in words. Gaps have three sources: `gaps`, what the
+//! A gap is something that was not judged, in words. Three functions find gaps: `gaps`, by what the
 //! summaries say and what the counts of each recording show; `not_measured`, printheads and channels
 //! that were not measured in the last night, or channels silent since the first half of their
 //! latest recording; `doubtful`, channels of which nothing certain is known now.
@@ -19,7 +19,7 @@ use inkling_core::verdict::Reason;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-/// Most gaps, recordings or channels that a sentence names one by one.
+/// Most gaps and lost recordings that a sentence names one by one.
 const MOST_NAMED: usize = 4;
 
 /// Something that was not judged, or is not known well enough.
@@ -64,10 +64,10 @@ pub struct Coverage {
     pub not_whole: u64,
     /// Number of recordings whose faults are not known, because their table of episodes is missing.
     pub without_faults: u64,
-    /// Number of recordings, with verdicts or without, whose damage somebody has acknowledged. Of them the report
-    /// does not begin; yet not all is known.
+    /// Number of recordings, with verdicts or without, whose damage somebody has acknowledged. The report does not begin
+    /// with them; yet with them not all is known.
     pub acknowledged: u64,
-    /// What of `not_judged` and `not_whole` is theirs.
+    /// The part of `not_judged` and `not_whole` that is in recordings whose damage is acknowledged.
     #[serde(skip)]
     acknowledged_not_judged: u64,
     #[serde(skip)]
@@ -77,12 +77,12 @@ pub struct Coverage {
     recordings: u64,
 }
 
-/// How much is known, which is how much a report may say that names no channel to clean.
+/// How much is known: it decides what a report that names no channel to clean may say.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Extent {
     NothingJudged,
     /// No recording has its table of episodes.
-    NoFaults,
+    FaultsUnknown,
     Partial,
     /// Everything was judged, and no recording is damaged or incomplete.
     Complete,
@@ -129,21 +129,25 @@ impl Coverage {
     }
 
     pub fn extent(&self) -> Extent {
-        match () {
-            () if self.judged == 0 => Extent::NothingJudged,
-            () if self.without_faults >= self.recordings => Extent::NoFaults,
-            () if self.is_complete() => Extent::Complete,
-            () => Extent::Partial,
+        if self.judged == 0 {
+            Extent::NothingJudged
+        } else if self.without_faults >= self.recordings {
+            Extent::FaultsUnknown
+        } else if self.is_complete() {
+            Extent::Complete
+        } else {
+            Extent::Partial
         }
     }
 
     /// Whether everything in the recordings was judged, and no recording is damaged or incomplete.
     pub fn is_complete(&self) -> bool {
-        let is_judged = self.gaps.is_empty() && self.lost.is_empty() && self.acknowledged == 0;
-        is_judged && self.not_judged + self.not_whole == 0
+        let nothing_missing =
+            self.gaps.is_empty() && self.lost.is_empty() && self.acknowledged == 0;
+        nothing_missing && self.not_judged + self.not_whole == 0
     }
 
-    /// The text that the report begins with: what was not judged. `None` if everything is known.
+    /// The text that the report begins with: what was not judged. `None` if all is known but for what is acknowledged.
     pub fn first(&self) -> Option<String> {
         let (named, rest) = (self.named(), self.rest());
         match (named.as_str(), rest.as_str()) {
@@ -193,7 +197,8 @@ impl Coverage {
 /// What a gap concerns: a printhead (first), a topic (second), or, if both are `None`, a whole recording.
 type Subject = (Option<Arc<str>>, Option<String>);
 
-/// A gap of one recording: when that ended (`None`: it has no signals), its index, and the gap in words.
+/// A gap of one recording: the time of the last signal of its printhead, or else of the recording (`None`: there is none),
+/// the recording's index, and the gap in words.
 type Occurrence = (Option<i64>, usize, String);
 
 /// The gaps of all recordings, merged by what they concern. Each text is that of the latest
@@ -267,6 +272,10 @@ fn not_measured(survey: &Survey, sources: &[Source]) -> Vec<Gap> {
     let Some((_, to_ns)) = whole(spans.iter().copied()) else { return Vec::new() };
     let from_ns = last_night(&spans, to_ns);
     let gap = |head: &Head| {
+        // One that was taken out since is not missed.
+        if head.is_gone {
+            return None;
+        }
         // A printhead whose latest recording ended before the night, or that fell silent in the first half of it, is told
         // as a whole.
         let (recording, tally) = head.latest()?;
@@ -277,7 +286,7 @@ fn not_measured(survey: &Survey, sources: &[Source]) -> Vec<Gap> {
         // where its clock is odd, its times say nothing beside those of others
         let odd = sources[recording].document["odd_times"].as_array();
         let is_odd = odd.into_iter().flatten().any(|of| of["printhead"] == **name);
-        // one that was heard once did not fall silent after that
+        // of one that was heard at a single moment nobody knows whether it fell silent
         let is_silent = |of: &Span| {
             let was_heard = tally.judged > 0 && of.0 < of.1;
             was_heard && !is_odd && of.1 < half && of.1 >= from_ns
@@ -295,13 +304,12 @@ fn not_measured(survey: &Survey, sources: &[Source]) -> Vec<Gap> {
         let silent: Vec<u32> = judged().filter(silent).map(|of| of.channel).collect();
         let what = match silent[..] {
             [] => return None,
-            _ if head.is_gone => return None,
             _ if tally.span?.1 < from_ns => format!(
                 "{name} was not heard in the last night: this was its last recording. If it was taken out, say so: \
                  `inkling acknowledge OUT --replaced HEAD --from TIME`"
             ),
             _ => format!(
-                "{} of {name}: fell silent, or not heard in the last night ({} of its {})",
+                "{} of {name}: fell silent, or were not heard in the last night ({} of its {})",
                 numbered(&silent),
                 silent.len(),
                 counted(judged().count() as u64, "channel")
@@ -316,8 +324,8 @@ fn not_measured(survey: &Survey, sources: &[Source]) -> Vec<Gap> {
 /// their signals, and those of which less than half was judged in their latest recording. Printheads of which
 /// nothing was judged in that recording are told elsewhere.
 fn doubtful(survey: &Survey, sources: &[Source]) -> Vec<Gap> {
-    let flagged = "flagged in most of the latest signals, of which no recording has enough to tell a fault: record longer, \
-        or merge recordings (`mcap merge`)";
+    let flagged = "flagged in most of the latest signals, but no recording has enough of them to tell a fault: record \
+        longer, or merge recordings (`mcap merge`)";
     let mut all = Vec::new();
     for head in &survey.heads {
         let mut tell = |channels: &[u32], at: usize, words: &str| {
@@ -334,7 +342,7 @@ fn doubtful(survey: &Survey, sources: &[Source]) -> Vec<Gap> {
             tell(&channels.collect::<Vec<_>>(), at, flagged);
         }
 
-        // Reasons are counted by printhead, so that a channel's reason is known where there is only one.
+        // Reasons are counted by printhead, so a channel's reason is known only where its printhead has a single one.
         let mut unknown: BTreeMap<usize, Vec<u32>> = BTreeMap::new();
         for of in head.channels.iter().filter(|of| !of.is_known_now()) {
             unknown.entry(of.latest()).or_default().push(of.channel);

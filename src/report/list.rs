@@ -40,7 +40,7 @@ pub fn print(
         _ if !open.is_empty() => to_clean(&open, &recordings, &printable, out)?,
         // the sentence about the coverage has said so
         Extent::NothingJudged => {}
-        Extent::NoFaults => {
+        Extent::FaultsUnknown => {
             writeln!(out, "what is to be cleaned after {recordings} is not known")?;
         }
         Extent::Complete => writeln!(out, "nothing to clean after {recordings}")?,

@@ -61,7 +61,7 @@ pub fn html(report: &Report) -> String {
         Extent::Partial => {
             "<p>No channel, as far as is known; what is not stands first.</p>\n".into()
         }
-        Extent::NothingJudged | Extent::NoFaults => "<p>Nobody knows.</p>\n".into(),
+        Extent::NothingJudged | Extent::FaultsUnknown => "<p>Nobody knows.</p>\n".into(),
     };
     let over = tables::over(report, report.over().collect(), "healthy since (UTC)", &drawn);
     body += &section("Over: healthy again, and did not come back", &over);
@@ -103,7 +103,7 @@ fn in_short(report: &Report, open: &[&Fault]) -> Option<String> {
     let Some(first) = open.first() else {
         return match coverage.extent() {
             Extent::NothingJudged => None,
-            Extent::NoFaults => Some("What needs care is not known.".into()),
+            Extent::FaultsUnknown => Some("What needs care is not known.".into()),
             Extent::Complete => Some(format!("Of {of} none needs care{known}.")),
             Extent::Partial => {
                 Some(format!("What is known of {of} names no channel to clean{known}."))

@@ -114,6 +114,21 @@ fn other(burst: &Burst, change: &[&str], first: &[Vec<f64>]) -> Burst {
         }
         ["sample_major"] => with_signals(&b, &counts(&b), SAMPLE_MAJOR_FLOATS),
         ["scaled", by] => with_samples(&b, |_, _, y| value(by) * y),
+        ["in_volts"] => {
+            let volts = |of: Vec<f32>| of.into_iter().map(|y| 3e-4 * y).collect();
+            let all: Vec<Vec<f32>> = counts(&b).into_iter().map(volts).collect();
+            with_signals(&b, &all, SAMPLE_MAJOR_FLOATS)
+        }
+        // as a converter counts that knows no sign, and as signed numbers are read
+        ["unsigned"] => with_samples(&b, |_, _, y| f64::from((y as i16).wrapping_add(i16::MIN))),
+        // channels that hold the samples of the first of them
+        ["copied", channels] => {
+            let (all, copied) = (rows(&b), range(channels));
+            with_samples(&b, |row, k, y| match copied.contains(&row) {
+                true => all[copied.start][k],
+                false => y,
+            })
+        }
         ["short"] => Burst { samples: b.samples.slice(..b.samples.len() - 2), ..b },
         // the first sample of the first channel, in floats
         ["not_a_number"] => {

@@ -316,6 +316,25 @@ fn chunks_after_a_damaged_one_are_found_again() {
 }
 
 #[test]
+fn a_recording_that_is_appended_to_another_is_read_also_where_that_one_ends_in_a_chunk() {
+    let (_dir, path) = place("r.mcap");
+    for options in layouts(&[Some(500)]) {
+        write(&path, 30, options);
+        let whole = fs::read(&path).unwrap();
+        let cut = blocks(&path)[3];
+        let cuts = [whole.len() as u64, cut.offset + cut.bytes / 2, cut.offset + 9];
+        for kept in cuts.map(|of| of as usize) {
+            fs::write(&path, [&whole[..kept], &whole].concat()).unwrap();
+            let (found, damage) = read(&path).unwrap();
+            let appended = damage.iter().any(|of| of.what.contains("appended"));
+            assert_eq!(appended, kept == whole.len(), "{damage:?}");
+            let last = texts(30);
+            assert!(texts_of(&found).ends_with(&last), "{kept} {options:?}: {damage:?}");
+        }
+    }
+}
+
+#[test]
 fn bursts_of_another_encoding_are_unusable_and_other_schemas_are_ignored() {
     let (_dir, path) = place("r.mcap");
     write_mcap(&path, mcap::WriteOptions::new(), "inkling.Burst", "json", &encoded(3));

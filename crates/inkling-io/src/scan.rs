@@ -6,8 +6,8 @@
 //! them, up to 1 MiB.
 //!
 //! Each turn of [`Blocks::poll`] looks at the record at `at` and decides on a `Step`. There are
-//! two sorts of damage. A record whose length is believed, but that cannot be used (too large, or
-//! at odds with itself), is lost alone. Where the framing is broken (a record's length cannot be
+//! two sorts of damage. A record that cannot be used (too large, or at odds with itself) is lost alone: its length is
+//! followed on trial, and if that turns out to be wrong, the search goes back to where it began. Where the framing is broken (a record's length cannot be
 //! true, or a record stands where it cannot be), the scan goes on at the next chunk that has a
 //! checksum and verifies (`resync.rs`), because chunks hold nearly all data and can be recognised
 //! by themselves. Messages outside chunks and chunks without a checksum are lost up to there.
@@ -51,10 +51,13 @@ pub struct Blocks {
     known_until: u64,
     /// Where the run under way begins; `None`: there is none.
     run_from: Option<u64>,
+    /// Whether the end of the data was passed: what follows is the summary.
     after_data_end: bool,
     /// Whether nothing further is given, except the run under way.
     done: bool,
     index: u64,
+    /// The chunk that was given out last.
+    last_chunk: Option<Block>,
     failed_resyncs: usize,
     /// The bytes of the file that were read last, and the offset at which they begin.
     window: Vec<u8>,
@@ -64,20 +67,16 @@ pub struct Blocks {
 /// What to do with the record that is looked at.
 enum Step {
     /// The record holds nothing for us, and no chunk can begin in it before `known_until`.
-    Skip {
-        known_until: u64,
-    },
+    Skip { known_until: u64 },
     /// The record belongs to a run: it is a message, schema or channel outside chunks.
     Run,
     /// The record is a chunk; no other chunk can begin before `known_until`.
-    Chunk {
-        known_until: u64,
-        decompressed_bytes: u64,
-    },
+    Chunk { known_until: u64, decompressed_bytes: u64 },
     /// The record's bytes are lost, but its length is believed: the scan goes on behind it.
     Lost(String),
     /// Not even the record's length is believed: a chunk must be searched for.
     Broken(String),
+    /// The record is not whole yet; only in a growing file.
     NotYet,
     /// The recording, or the part of it that holds data, ends here.
     End,
@@ -96,6 +95,7 @@ impl Blocks {
             after_data_end: false,
             done: false,
             index: 0,
+            last_chunk: None,
             failed_resyncs: 0,
             window: Vec::new(),
             window_at: 0,
@@ -231,6 +231,12 @@ impl Blocks {
                     skip
                 }
             }
+            op::FOOTER if self.peek(next, 2 * MAGIC.len() as u64)?.starts_with(&MAGIC.repeat(2)) => {
+                Step::Broken(
+                    "another recording is appended here: keep each in a file of its own, or merge them (`mcap merge`)"
+                        .into(),
+                )
+            }
             _ => Step::Broken(format!("record 0x{opcode:02x} cannot be here")),
         })
     }
@@ -278,8 +284,9 @@ impl Blocks {
         let run_bytes = RUN_BYTES.min(self.limits.record_bytes);
         let growing = self.growing.clone();
         while !self.done {
-            // 1. what to do with the record at `at`; in a growing file nobody else decides
-            //    meanwhile
+            // 1. What to do with the record at `at`. Several readers scan a growing file, and all must end their runs at
+            //    the same places, or their blocks have other numbers: `EarlyEnds` remembers these places, and is locked
+            //    until this reader has decided.
             let mut ends = growing.as_ref().map(|ends| locked(ends));
             let (step, next) = match self.step() {
                 Ok(found) => found,
@@ -314,7 +321,9 @@ impl Blocks {
                 Step::Chunk { known_until, decompressed_bytes } => {
                     self.advance(next, known_until);
                     let block = self.block(BlockKind::Chunk, at, next);
-                    return Poll::Ready(Some(Ok(Block { decompressed_bytes, ..block })));
+                    let block = Block { decompressed_bytes, ..block };
+                    self.last_chunk = Some(block.clone());
+                    return Poll::Ready(Some(Ok(block)));
                 }
                 Step::Lost(what) => {
                     if at >= next {

@@ -22,10 +22,12 @@ use crate::model::student::student_quantile;
 pub use super::mixture::{Degrees, Spread};
 
 const GROUPS: usize = 8;
+/// Three signals for each group.
 const FEWEST: usize = 24;
 
-/// `statistics`: one per signal, in any unit; `channels`: of each; `confidence`: .5 or more. An error
-/// if there are too few signals, or no threshold above 0.
+/// `statistics`: one per signal, 0 or more, in any unit; `channels`: the channel of each; `degrees`, `spread`: the laws of
+/// the healthy part; `rate`: share of healthy signals that may exceed the threshold; `confidence`: .5 or more. An error
+/// if there are too few signals or channels, a statistic is no number, or there is no threshold above 0.
 pub fn contaminated(
     statistics: &[f64],
     channels: &[u32],
@@ -63,7 +65,8 @@ pub fn contaminated(
     let widening = jackknifed(&without.collect::<Vec<_>>(), confidence);
 
     let value = median * (estimate + widening).exp();
-    // of few channels a faulty one may as well be a healthy one of a law without an end
+    // With few channels a faulty one cannot be told from a healthy one far out in a heavy tail: so it is noted how far
+    // the threshold lies above that of many channels, where such a threshold is known.
     let of_many = match degrees {
         Degrees::Three => median * chi_squared_3(rate) / chi_squared_3(0.5),
         Degrees::OneSided => f64::INFINITY,
@@ -128,7 +131,7 @@ fn independent(counted: &[(f64, u32)]) -> f64 {
     n / (1.0 + (each - 1.0) * alike)
 }
 
-/// The jackknife's groups, to which channels (of a single one its signals) are assigned in turn.
+/// The jackknife's groups, to which channels are assigned in turn; the signals where there is only one channel.
 fn groups(counted: &[(f64, u32)]) -> Vec<usize> {
     let numbers = distinct(counted.iter().map(|(_, c)| *c).collect());
     let group = |(i, (_, channel)): (usize, &(f64, u32))| match numbers.len() {

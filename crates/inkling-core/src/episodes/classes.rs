@@ -1,20 +1,20 @@
 //! The class of a channel's fault, from the posteriors of one burst after another.
 //!
-//! In: of each flagged signal, also before the episode is certain, isolation's weight of each class;
-//! what they lack to 1 is that of no class. Out: the filtered weights.
+//! In: of each flagged signal, also before the episode is certain, isolation's weight of each class. They may sum to less
+//! than 1; the rest is the weight of *no class*, a fault that none of them explains. Out: the filtered weights.
 //!
 //! It is the forward filter of a hidden Markov model (Rabiner 1989). A fault may pass through other
-//! classes as it grows, so from one flagged look to the next it becomes any class with a small
-//! probability (`changes`); quiet looks in between do not count. With the weight w before a look, the
+//! classes as it grows, so from one flagged look to the next its class is drawn anew, by the prior, with a small
+//! probability (`CHANGES`); quiet looks in between do not count. With the weight w before a look, the
 //! prior q, and the look's posterior p the weight after it is
 //!
 //! ```text
-//! w' = ((1 - changes) w + changes q) (e + (1 - e) p / q)^(1 / looks_per_one),
+//! w' = ((1 - CHANGES) w + CHANGES q) (e + (1 - e) p / q)^(1 / LOOKS_PER_ONE),
 //! ```
 //!
 //! over the sum of all w'. p / q is the look's likelihood but for a factor that all classes share.
-//! e (`least_rate`) is the probability that a look says nothing of the class. One channel's looks are
-//! wrong alike: by the power, `looks_per_one` of them count as one look.
+//! e (`LEAST_RATE`) is the probability that a look says nothing of the class. Looks at one channel share their errors:
+//! therefore the likelihood has this power, by which `LOOKS_PER_ONE` of them count as one look.
 
 use super::tuned;
 use crate::numbers::LEAST_RATE;
@@ -28,7 +28,7 @@ pub struct ClassFilter {
 
 impl ClassFilter {
     pub fn new(priors: &[f64]) -> ClassFilter {
-        ClassFilter { weights: priors.to_vec(), none: lacking(priors.iter().copied()) }
+        ClassFilter { weights: priors.to_vec(), none: rest_to_one(priors.iter().copied()) }
     }
 
     /// Updates the weights by one look. `posterior`: weights that isolation gave by these `priors`;
@@ -51,8 +51,8 @@ impl ClassFilter {
             *weight = after(*weight, posterior, *prior);
         }
 
-        let none = lacking(posterior.iter().map(|&w| f64::from(w)));
-        self.none = after(self.none, none, lacking(priors.iter().copied()));
+        let none = rest_to_one(posterior.iter().map(|&w| f64::from(w)));
+        self.none = after(self.none, none, rest_to_one(priors.iter().copied()));
 
         let sum = self.weights.iter().sum::<f64>() + self.none;
         self.weights.iter_mut().for_each(|w| *w /= sum);
@@ -62,7 +62,7 @@ impl ClassFilter {
 
 /// What weights lack to 1; 0 where they lack no more than their own rounding to f32, which would
 /// otherwise be evidence for no class.
-fn lacking(weights: impl Iterator<Item = f64>) -> f64 {
+fn rest_to_one(weights: impl Iterator<Item = f64>) -> f64 {
     let (n, sum) = weights.fold((0.0, 0.0), |(n, sum), w| (n + 1.0, sum + w));
     if 1.0 - sum > n * f64::from(f32::EPSILON) { 1.0 - sum } else { 0.0 }
 }

@@ -1,18 +1,18 @@
 //! How far the physics of one kind of fault lies off signals that were labelled with a size
 //! (Kennedy and O'Hagan, 2001): learned with its own uncertainty, instead of assumed.
 //!
-//! In: per channel and labelled size the mean features of these signals, less those of the fault curve; all sizes of a
-//! channel together count as one look, as they are not independent. Out: a [`Discrepancy`], by which
+//! In: per channel and labelled size the mean features (the four of a ring) of these signals, less those of
+//! the fault curve; all sizes of a channel together weigh as one, as they are not independent. Out: a [`Discrepancy`], by which
 //! [`super::fault_curve`] moves and widens the curve:
 //!
 //! ```text
-//! features - curve(s) = rows(s) c + e,    c ~ N(0, 1),    e ~ N(0, channels' own changes + noise)
+//! features - curve(s) = rows(s) c + e,    c ~ N(0, I),    e ~ N(0, channels' own changes + noise)
 //! ```
 //!
-//! c holds the errors of the rates and the pulse, and per feature six Legendre polynomials of
-//! the size, in units of what a law may be wrong by. A Kalman update by each channel gives the mean
-//! and the covariance of c, and the evidence for it, against that for the law as it is believed. A
-//! law of which nothing is known (a user's own class) is learned by the same rows.
+//! c holds the errors of the rates and the pulse, and per feature the coefficients of six Legendre polynomials of the
+//! size, in units of what a law may be wrong by. A Kalman update by each mean gives the mean and the covariance of c, and
+//! how much likelier the law alone is, as it is believed, than the law with c. A user's own class, of which the law says
+//! nothing, is learned by the same rows.
 
 use super::fault_simulator::{CHANGES, Changes, Point, Square};
 use super::posterior::sum_of;
@@ -42,10 +42,10 @@ pub(super) struct Shown {
 
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Discrepancy {
-    /// ln of how much likelier the labelled signals are if the law holds, with the rates as
-    /// uncertain as their covariance says; `None`: the law says nothing.
+    /// ln of how much likelier the labelled signals are if the law holds, with the rates as uncertain as
+    /// [`Shown::belief`] says, than if it does not; `None`: the law says nothing.
     ln_odds: Option<f64>,
-    /// If it does not: mean of c, its covariance, and the covariance of what else the features of
+    /// If the law does not hold: mean of c, its covariance, and the covariance of what else the features of
     /// labelled signals scatter by, column by column. Empty: nothing was learned.
     mean: Vec<f64>,
     covariance: Vec<f64>,
@@ -70,30 +70,31 @@ impl Discrepancy {
         Some(1.0 / (1.0 + (-self.ln_odds?).exp()))
     }
 
-    /// The same if it was `before` as probable.
+    /// The same, where the law held with the probability `before` (between 0 and 1) before any label: to be asked once.
     pub fn given(&self, before: f64) -> Discrepancy {
         let ln_odds = self.ln_odds.map(|odds| odds + (before / (1.0 - before)).ln());
         Discrepancy { ln_odds, ..self.clone() }
     }
 
-    /// `None`: the law says nothing, and more than a little of the labels is wrong by the curve of the others: of three
-    /// kinds of air bubble under one name .35 are, of classes of one kind 1e-5.
-    pub(super) fn learn(law: &Law, channels: &[Shown]) -> Option<Discrepancy> {
-        let mut of = Learned::unknown();
+    /// Learns c and how the rest scatters, in turns. `None`: the law says nothing, and the labels lie on no single curve,
+    /// as more than a little of them looks wrong by it: .35 of three kinds of air bubble under one name, 1e-5 of classes of
+    /// one kind.
+    pub(super) fn learn(law: &Law, shown: &[Shown]) -> Option<Discrepancy> {
+        let mut learned = Learned::unknown();
         let mut ln_odds = 0.0;
         for _ in 0..ROUNDS {
-            (of, ln_odds) = Learned { rest: of.rest, ..Learned::unknown() }.taught(channels);
-            let off = of.off(channels);
-            of.rest += off.times(off.more.map(|more| (more - 1.0).max(0.0)));
+            (learned, ln_odds) = Learned { rest: learned.rest, ..Learned::unknown() }.taught(shown);
+            let off = learned.off(shown);
+            learned.rest += off.times(off.ratio.map(|ratio| (ratio - 1.0).max(0.0)));
         }
-        // the scatter of few channels is not well known: Student's t with so many degrees of freedom
-        let off = of.off(channels);
-        of.rest += off.times(off.freedom.map(|nu| nu / (nu - 2.0).max(0.5) - 1.0));
+        // the scatter of few channels is not well known: they have the variance of Student's t
+        let off = learned.off(shown);
+        learned.rest += off.times(off.freedom.map(|nu| nu / (nu - 2.0).max(0.5) - 1.0));
         let says_something = !law.changes_nothing();
-        if !says_something && of.wrong_share(channels) > LITTLE {
+        if !says_something && learned.wrong_share(shown) > LITTLE {
             return None;
         }
-        let Learned { mean, covariance, rest } = of;
+        let Learned { mean, covariance, rest } = learned;
         let [mean, covariance] = [mean.as_slice(), covariance.as_slice()].map(<[f64]>::to_vec);
         let ln_odds = says_something.then_some(ln_odds);
         Some(Discrepancy { ln_odds, mean, covariance, rest: rest.as_slice().to_vec() })
@@ -120,64 +121,65 @@ impl Learned {
         }
     }
 
-    /// One Kalman update per channel. Also returns ln of how much likelier the channels are if the
-    /// law holds.
-    fn taught(mut self, channels: &[Shown]) -> (Learned, f64) {
+    /// One Kalman update per channel and size, all sizes of a channel weighing as one. Also returns ln of how much
+    /// likelier they are if the law holds, which knows of no other scatter than theirs.
+    fn taught(mut self, shown: &[Shown]) -> (Learned, f64) {
         let mut ln_odds = 0.0;
-        for channel in channels {
-            let (across, expected, rest) = self.predict(channel);
-            let scatter = channel.scatter + self.rest;
-            let if_it_holds = label(&channel.off, &(channel.belief + channel.scatter)).ln_density;
-            let label = label(&rest, &(expected + scatter));
-            ln_odds += channel.share * (if_it_holds - label.ln_density);
+        for one in shown {
+            let (across, expected, off) = self.predict(one);
+            let scatter = one.scatter + self.rest;
+            let if_it_holds = label(&one.off, &(one.belief + one.scatter)).ln_density;
+            let label = label(&off, &(expected + scatter));
+            ln_odds += one.share * (if_it_holds - label.ln_density);
 
-            // a label that is surely wrong teaches nothing
-            let weight = channel.share * label.is_right.max(1e-9);
+            // a label that is surely wrong teaches nothing; a weight of 0 would divide the scatter by 0
+            let weight = one.share * label.is_right.max(1e-9);
             let Some(inverse) = (expected + scatter / weight).try_inverse() else { continue };
             let gain = &across * DMatrix::from_column_slice(4, 4, inverse.as_slice());
-            self.mean += &gain * DVector::from_column_slice(rest.as_slice());
+            self.mean += &gain * DVector::from_column_slice(off.as_slice());
             self.covariance -= &gain * across.transpose();
         }
         (self, ln_odds)
     }
 
-    /// Of a channel: covariance of c with its features, of what is believed of its features, and how
-    /// far its features lie off that.
-    fn predict(&self, channel: &Shown) -> (DMatrix<f64>, Matrix4<f64>, Vector4<f64>) {
-        let rows = DMatrix::from_column_slice(4, UNKNOWNS, channel.rows.as_slice());
+    /// Of a channel at a size: the covariance of c with its features, the covariance that c gives these, and how far they
+    /// lie off what c says of them.
+    fn predict(&self, one: &Shown) -> (DMatrix<f64>, Matrix4<f64>, Vector4<f64>) {
+        let rows = DMatrix::from_column_slice(4, UNKNOWNS, one.rows.as_slice());
         let across = &self.covariance * rows.transpose();
         let (expected, seen) = (&rows * &across, &rows * &self.mean);
-        let off = channel.off - Vector4::from_column_slice(seen.as_slice());
+        let off = one.off - Vector4::from_column_slice(seen.as_slice());
         (across, Matrix4::from_column_slice(expected.as_slice()), off)
     }
 
     /// The share of the channels whose labels are wrong.
-    fn wrong_share(&self, channels: &[Shown]) -> f64 {
-        let is_wrong = |channel: &Shown| {
-            let (_, known, off) = self.predict(channel);
-            channel.share * (1.0 - label(&off, &(known + channel.scatter + self.rest)).is_right)
+    fn wrong_share(&self, shown: &[Shown]) -> f64 {
+        let is_wrong = |one: &Shown| {
+            let (_, known, off) = self.predict(one);
+            one.share * (1.0 - label(&off, &(known + one.scatter + self.rest)).is_right)
         };
-        channels.iter().map(is_wrong).sum::<f64>() / number_of(channels)
+        shown.iter().map(is_wrong).sum::<f64>() / channels_of(shown)
     }
 
     /// How far the channels lie off what was learned of them.
-    fn off(&self, channels: &[Shown]) -> Off {
-        let each = channels.iter().map(|of| (of.scatter + self.rest) * of.share);
-        let scatter = each.sum::<Matrix4<f64>>() / number_of(channels);
+    fn off(&self, shown: &[Shown]) -> Off {
+        let each = shown.iter().map(|one| (one.scatter + self.rest) * one.share);
+        let scatter = each.sum::<Matrix4<f64>>() / channels_of(shown);
         let axes = SymmetricEigen::new(scatter).eigenvectors;
         let along = |of: &Matrix4<f64>| (axes.transpose() * of * axes).diagonal();
+        // as if a few channels had been met that scatter as expected
         let [mut found, mut freedom] = [Vector4::repeat(FEW as f64); 2];
-        for channel in channels {
-            let (_, known, off) = self.predict(channel);
-            let is_right = label(&off, &(known + channel.scatter + self.rest)).is_right;
-            let weight = channel.share * is_right;
-            let scatter = along(&(channel.scatter + self.rest));
+        for one in shown {
+            let (_, known, off) = self.predict(one);
+            let is_right = label(&off, &(known + one.scatter + self.rest)).is_right;
+            let weight = one.share * is_right;
+            let scatter = along(&(one.scatter + self.rest));
             found += along(&(off * off.transpose())).component_div(&scatter) * weight;
-            // what was learned of a channel it is not off by
+            // what c has taken over of a channel's deviation is not free any more
             let learned = along(&known).component_div(&scatter).map(|v| v.min(1.0));
             freedom += (Vector4::repeat(1.0) - learned) * weight;
         }
-        Off { scatter: along(&scatter), more: found.component_div(&freedom), axes, freedom }
+        Off { scatter: along(&scatter), ratio: found.component_div(&freedom), axes, freedom }
     }
 
     /// Mean and covariance of what is to be added to the features of the curve at a point.
@@ -192,17 +194,18 @@ impl Learned {
     }
 }
 
-/// How many channels they are, 1 at least.
-fn number_of(channels: &[Shown]) -> f64 {
-    channels.iter().map(|channel| channel.share).sum::<f64>().max(1.0)
+/// How many channels they are of, 1 at least.
+fn channels_of(shown: &[Shown]) -> f64 {
+    shown.iter().map(|one| one.share).sum::<f64>().max(1.0)
 }
 
 /// How far channels lie off what was learned of them, in the principal directions (`axes`) of their `scatter`.
 struct Off {
     axes: Matrix4<f64>,
     scatter: Vector4<f64>,
-    /// Their squares over those expected, and the number of channels that tell it.
-    more: Vector4<f64>,
+    /// Mean of the squares of these distances over what is expected of it.
+    ratio: Vector4<f64>,
+    /// The number of channels that tell it, less what was learned of them.
     freedom: Vector4<f64>,
 }
 
@@ -213,7 +216,7 @@ impl Off {
     }
 }
 
-/// `largest`: the severity at which the curve ends.
+/// How the features move with each element of c, at a point of the curve, which ends at the severity `largest`.
 pub(super) fn rows(law: &Law, largest: f64, point: &Point) -> Rows {
     let [none, most] = [law.none(), largest].map(|severity| law.scale(severity));
     let t = 2.0 * (point.place - none) / (most - none) - 1.0;
@@ -228,7 +231,7 @@ pub(super) fn rows(law: &Law, largest: f64, point: &Point) -> Rows {
             true => tuned::OF_OWN[j],
             false => tuned::OF_LAW[j].max((tuned::SHARE_OF_LAW * point.mean[j]).abs()),
         };
-        // the mean variance along the curve is that of the law; at its ends every term has the same share
+        // the mean variance along the curve is that of the law; at its ends, where all terms are 1 or -1, each adds the same
         let squares: f64 = (0..TERMS).map(|k| 1.0 / (2 * k + 1) as f64).sum();
         for (k, term) in terms.iter().enumerate() {
             rows[(j, CHANGES + j * TERMS + k)] = of_law * term / squares.sqrt();
@@ -248,6 +251,7 @@ fn legendre(t: f64) -> [f64; TERMS] {
     terms
 }
 
+/// How often c and the scatter of the rest are learned in turn.
 const ROUNDS: usize = 4;
 
 struct Label {
@@ -255,8 +259,8 @@ struct Label {
     ln_density: f64,
 }
 
-/// Of a channel's labels beside what is expected of its features, if few are wrong: those of a wrong label may be
-/// anywhere. `off`: the features less their expectation; `scatter`: their covariance.
+/// Probability that a label is right, and density of its features, where a few labels are wrong: features of a wrong one
+/// may be anywhere. `off`: the features less their expectation; `scatter`: their covariance.
 fn label(off: &Vector4<f64>, scatter: &Matrix4<f64>) -> Label {
     let anywhere =
         scatter + Matrix4::from_diagonal(&Vector4::from(tuned::OF_OWN).map(|sd| sd * sd));

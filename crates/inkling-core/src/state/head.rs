@@ -360,12 +360,11 @@ impl Head {
 
         // where each is while it is healthy: many that are faulty lie apart, and widen nothing
         let place = |look: &Look| self.channels.get(&look.channel)?.healthy_place(&spread, &noise);
-        let places: Vec<Features> = looks.iter().filter_map(place).collect();
 
         // how far all have moved over each span of days, and, last, how far they lie from the level
         let apart: [Apart; RUNGS + 1] = std::array::from_fn(|rung| {
             let known: Vec<Features> = match rung {
-                RUNGS => places.clone(),
+                RUNGS => looks.iter().filter_map(place).collect(),
                 _ => moved.iter().filter_map(|of| of[rung]).collect(),
             };
             // a design's spread was itself learned from few channels; moving over days is taken for

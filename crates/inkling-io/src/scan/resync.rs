@@ -51,9 +51,16 @@ impl Blocks {
         Ok(None)
     }
 
+    fn verifies(&self, chunk: &Block) -> bool {
+        ChunkLoader::new(self.source.clone(), self.limits).load(chunk, None).is_ok()
+    }
+
     /// The damage is the range from `self.at` to the next chunk that verifies, or to the end.
     pub(super) fn resync(&mut self, what: String) -> Damage {
         let from = self.known_until.max(MAGIC.len() as u64).min(self.at.saturating_add(1));
+        // a recorder that died in a chunk and was started again appended to it: the chunk's length is not to be believed
+        let before = self.last_chunk.take().filter(|of| of.offset + of.bytes == self.at);
+        let from = before.filter(|of| !self.verifies(of)).map_or(from, |of| of.offset + 1);
         let to_byte = match self.find_chunk(from) {
             Ok(Some(chunk)) => chunk,
             Ok(None) | Err(_) => {

@@ -52,6 +52,7 @@ pub enum CauseId {
     GainSways,
     TimeBaseSways,
     OwnShape,
+    Drift,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -320,7 +321,7 @@ const fn rival(id: CauseId, words: &'static str, shape: Shape) -> Entry {
 /// What is not in the catalogue, and would wrongly get the name of a cause that resembles it. Where a rival
 /// is clearly likelier, the misfit gets no name, and the reader is told what the misfit is like.
 #[rustfmt::skip]
-pub static RIVALS: [Entry; 12] = [
+pub static RIVALS: [Entry; 13] = [
     rival(CauseId::EvenSpring, "a spring of even order",
         Shape::Motion(Motion { term: Term::EvenStiffness, power: 2, strengths: [0.01, 1.0] })),
     Entry { free: 1.0, seconds: &PLACES, ..rival(CauseId::OneSidedSpring, "a spring that is stiffer on one side",
@@ -338,6 +339,8 @@ pub static RIVALS: [Entry; 12] = [
     Entry { free: 1.0, ..rival(CauseId::GainSways, "a gain that sways", Shape::Sways) },
     Entry { free: 1.0, ..rival(CauseId::TimeBaseSways, "a time base that sways", Shape::Sways) },
     rival(CauseId::OwnShape, "a shape of its own", Shape::Own),
+    // in decays alone
+    Entry { id: CauseId::Drift, words: "a zero that drifts", ..MOST },
 ];
 /// The first so many rivals are tried in decays, too.
 pub const IN_DECAYS: usize = 9;

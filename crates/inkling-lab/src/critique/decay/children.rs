@@ -16,6 +16,7 @@ use super::plant::{Fit, OMEGA, SIGMA, Wave, waves_of};
 use super::terms::{Line, Term, second_numbers};
 use crate::critique::candidate::Objection;
 use crate::critique::candidates::LEAST_PERIODS;
+use crate::critique::chance::maximum;
 use inkling_core::model::spectrum;
 use nalgebra::DMatrix;
 use std::f64::consts::{PI, TAU};
@@ -36,6 +37,9 @@ pub struct Added<'a> {
 const PEAKS: usize = 3;
 const FALLS: [f64; 3] = [1.0, 4.0, 12.0];
 
+/// Logarithms of that of a drift.
+const DRIFTS: [f64; 2] = [-1.0, 1.5];
+
 /// Number of samples in the first three swings.
 fn first_swings(omega: f64) -> usize {
     (3.0 * TAU / omega.max(1e-6)).ceil().min(1e7) as usize
@@ -54,10 +58,16 @@ pub fn misfit_power(misfit: &[f64], decays: &Decays) -> Vec<f64> {
 
 /// The damped oscillation that explains most, in white noise, beside an offset of each series.
 pub fn baseline(decays: &Decays) -> Fit<'_> {
-    let plain = Fit::zero(decays);
+    ring(&Fit::zero(decays), &decays.y)
+}
+
+/// The damped oscillation that explains most, in white noise, beside a model that does not ring, of which the
+/// misfit is this.
+fn ring<'a>(plain: &Fit<'a>, misfit: &[f64]) -> Fit<'a> {
+    let decays = plain.decays;
     let white = Noise::white(&vec![1.0; decays.outputs]);
     let resolution = TAU / decays.samples as f64;
-    let power = misfit_power(&decays.y, decays);
+    let power = misfit_power(misfit, decays);
     // starts: the two highest peaks of the spectrum, each with little and much damping: over the
     // record the amplitude falls by e^0.5 or by e^4
     let peaks = spectrum::peaks(&power, lowest_line(decays), 2.0 * resolution, 2);
@@ -80,6 +90,7 @@ fn starts<'a>(parent: &Fit<'a>, term: Term) -> Vec<Fit<'a>> {
     let at = parent.p.len();
     match term {
         Term::Line(line) => line_starts(parent, line),
+        Term::Drift => drift_starts(parent),
         Term::Unnamed(rival) => second_numbers(rival, parent.decays.samples)
             .into_iter()
             .map(|second| {
@@ -90,6 +101,27 @@ fn starts<'a>(parent: &Fit<'a>, term: Term) -> Vec<Fit<'a>> {
             .collect(),
         _ => vec![warm],
     }
+}
+
+/// Starting points of a drift. The first ring, which may have followed the drift, is also looked for beside that
+/// which explains most alone.
+fn drift_starts<'a>(parent: &Fit<'a>) -> Vec<Fit<'a>> {
+    let drift = |model: &Fit<'a>, ln_falls: f64| {
+        let mut drift = model.with(Term::Drift);
+        drift.p[model.p.len()] = ln_falls.exp() / model.decays.samples as f64;
+        drift
+    };
+    let mut starts: Vec<Fit> = DRIFTS.map(|ln_falls| drift(parent, ln_falls)).into();
+    if parent.terms.len() == 1 {
+        let mut zero = Fit::zero(parent.decays);
+        zero.p[OMEGA] = lowest_line(parent.decays);
+        let white = Noise::white(&parent.sizes());
+        let still = |ln_falls: f64| drift(&zero, ln_falls).solved(&white);
+        let [slow, fast] = DRIFTS;
+        let best = maximum(|ln_falls| -still(ln_falls).cost, 0.5 * (slow + fast), fast - slow);
+        starts.push(ring(&still(best), &still(best).misfit()));
+    }
+    starts
 }
 
 /// Starting points of a line, one for each of the `PEAKS` highest peaks of the misfit's spectrum, with the
@@ -170,6 +202,8 @@ pub fn objection(fit: &Fit, index: usize, covariance: &DMatrix<f64>) -> Option<O
         }
         // two modes near one frequency, one of them growing, can mimic a change of frequency or damping
         Term::Line(Line::Mode) if fit.p[at] <= 0.0 || fit.p[SIGMA] <= 0.0 => Some(Objection::Alias),
+        // a drift takes longer than a swing
+        Term::Drift => (TAU * fit.p[at] > fit.p[OMEGA]).then_some(Objection::AtTheEnd),
         Term::Line(Line::Harmonic(_)) => None,
         Term::Line(_) => waves_of(term, at, &fit.p).iter().find_map(|wave| no_line(fit, wave)),
         _ => None,

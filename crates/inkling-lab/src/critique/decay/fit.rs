@@ -12,7 +12,7 @@ use super::decays::Decays;
 use super::elimination::{Basis, Reached, normal, reached};
 use super::motion::Motion;
 use super::noise::{Colour, Noise, sizes};
-use super::plant::{Fit, OMEGA, plain_numbers, start_of};
+use super::plant::{Fit, OMEGA, SIGMA, columns_of, plain_numbers, start_of};
 use super::terms::Term;
 use inkling_core::model::descent::{Damping, descend};
 use nalgebra::{DMatrix, DVector};
@@ -51,6 +51,13 @@ impl<'a> Fit<'a> {
 
     pub fn sizes(&self) -> Vec<f64> {
         sizes(&self.misfit(), self.decays)
+    }
+
+    /// Misfit over movement, the largest of all outputs.
+    pub fn left(&self) -> f64 {
+        let shares =
+            self.sizes().into_iter().zip(self.decays.movement()).map(|(left, all)| left / all);
+        shares.fold(0.0, f64::max)
     }
 
     pub fn noise(&self) -> Noise {
@@ -98,6 +105,13 @@ impl<'a> Fit<'a> {
         Fit { decays: shorter, terms, p, free, cost, upto: shorter.samples }
     }
 
+    /// With nothing but an offset and a drift.
+    pub fn still(&self) -> Fit<'a> {
+        let mut still = self.without(|i| !matches!(self.terms[i], Term::Offset | Term::Drift));
+        (0..self.decays.bursts).for_each(|burst| still.p[start_of(burst)..][..2].fill(0.0));
+        still.solved(&Noise::white(&self.sizes()))
+    }
+
     /// Turns the start of every burst back by so many samples: backwards, all that damps drives.
     pub fn turn_back(&mut self, by: usize) {
         let Motion { sigma, drag, stick, .. } = self.motion();
@@ -109,12 +123,20 @@ impl<'a> Fit<'a> {
         }
     }
 
-    /// What the sensor shows at rest, for each output, counts: the mean over the decays.
-    pub fn offsets(&self) -> Vec<f64> {
+    /// What the sensor shows at rest after so many samples, for each output, counts: the mean over the decays.
+    pub fn offsets(&self, samples: usize) -> Vec<f64> {
         let Decays { bursts, outputs, scale, .. } = self.decays;
-        let mean =
-            |o: usize| self.free.iter().skip(o).step_by(*outputs).map(|of| of[0]).sum::<f64>();
-        (0..*outputs).map(|o| mean(o) * scale[o] / *bursts as f64).collect()
+        let drift = self.drift().map(|(rate, at)| ((-rate * samples as f64).exp(), at));
+        let shown = |of: &Vec<f64>| of[0] + drift.map_or(0.0, |(left, at)| left * of[at]);
+        let sum = |o: usize| self.free.iter().skip(o).step_by(*outputs).map(shown).sum::<f64>();
+        (0..*outputs).map(|o| sum(o) * scale[o] / *bursts as f64).collect()
+    }
+
+    /// The rate of a zero that drifts, per sample, and which of a series' amplitudes is its own.
+    pub fn drift(&self) -> Option<(f64, usize)> {
+        let (_, at) = self.placed().find(|(term, _)| *term == Term::Drift)?;
+        let before = self.placed().take_while(|(term, _)| *term != Term::Drift);
+        Some((self.p[at], before.map(|(term, at)| columns_of(term, at, &self.p)).sum()))
     }
 
     /// Standard deviation of one decay's offset, for each output, beside all other free amplitudes.
@@ -168,11 +190,14 @@ impl<'a> Fit<'a> {
         // the ring's frequency must stay between the slowest ring and half the sampling rate, and lines
         // between zero and that; what is slower than one swing in the whole record is a drift
         let lowest = (TAU / self.decays.samples as f64).min(self.p[OMEGA]);
+        // what falls faster than it swings creeps, and does not ring
+        let creeps = |p: &[f64]| p[SIGMA] > p[OMEGA];
         let is_possible = |fit: &Fit| {
             let grows = -2.0 / upto as f64;
             let mut waves = fit.waves().into_iter();
             fit.p[OMEGA] >= lowest
                 && fit.p[OMEGA] < PI
+                && (!creeps(&fit.p) || creeps(&self.p))
                 && waves.all(|w| w.sigma > grows && w.omega.abs() < MOST_TURN)
         };
         let cost = |fit: &Fit<'a>| match is_possible(fit) {

@@ -41,7 +41,7 @@ pub fn onset(decays: &Decays) -> usize {
     let late = decays.from(last);
     let (bends, rings) = (bent(&late), modes(&late));
     // a sum of many modes fits a pendulum, too, and better than one oscillator does: so it must be needed
-    let is_bent = left(&bends) < LITTLE || foreseen(&bends) < foreseen(&rings);
+    let is_bent = bends.left() < LITTLE || foreseen(&bends) < foreseen(&rings);
     let mut tried = backwards(decays, if is_bent { &bends } else { &rings }, last);
     // the whole record has its own chance, from its own start
     let whole = if is_bent { bent(decays) } else { modes(decays) };
@@ -55,12 +55,6 @@ pub fn onset(decays: &Decays) -> usize {
         (Some(best), Some(whole)) if (best.ln_share - whole.ln_share).exp() < DRIVEN => best.at,
         _ => 0,
     }
-}
-
-/// Misfit over movement, the largest of all outputs.
-fn left(fit: &Fit) -> f64 {
-    let shares = fit.sizes().into_iter().zip(fit.decays.movement()).map(|(left, all)| left / all);
-    shares.fold(0.0, f64::max)
 }
 
 /// The model of the decays from `last` on, fitted from ever earlier samples on.
@@ -130,9 +124,42 @@ fn modes(decays: &Decays) -> Fit<'_> {
 /// A series is compared in so many parts; one with a scale of its own has as many samples at least.
 const PARTS: usize = 32;
 
+/// A change that is smaller, relative to the root mean square of all, is that of numbers that are cut in files.
+const CUT: f64 = 0.01;
+
+fn common_divisor(p: usize, q: usize) -> usize {
+    if q == 0 { p } else { common_divisor(q, p % q) }
+}
+
+/// Why samples are no measured ones, in words: each stands several times in a row, or lies on a straight line between
+/// measured ones, so that values, or slopes, change at whole multiples of so many samples alone.
+pub fn held(decays: &Decays) -> Option<String> {
+    let differences = |y: &[f64]| y.windows(2).map(|pair| pair[1] - pair[0]).collect::<Vec<f64>>();
+    let times = |series: &[f64]| {
+        let rms = (series.iter().map(|v| v * v).sum::<f64>() / series.len() as f64).sqrt();
+        let changed = series.iter().enumerate().filter(|(_, v)| v.abs() > CUT * rms);
+        let places: Vec<usize> = changed.map(|(place, _)| place).collect();
+        let gaps = || places.windows(2).map(|pair| pair[1] - pair[0]);
+        let every = gaps().fold(0, common_divisor);
+        let chance = (every.max(1) as f64).ln() * gaps().count() as f64;
+        (chance > without_a_name(2.0 * decays.outputs as f64)).then_some(every)
+    };
+    decays.y.chunks(decays.samples).find_map(|series| {
+        let slopes = differences(series);
+        let stands = times(&slopes).map(|k| format!("each value stands {k} times in a row"));
+        let lies = || {
+            let every = times(&differences(&slopes))?;
+            Some(format!("between every {every} samples all others lie on a straight line"))
+        };
+        let why = stands.or_else(lies)?;
+        Some(format!("{why}: they are not measured; keep one of each"))
+    })
+}
+
 /// The samples at the largest or the smallest value of an output, if these are more than chance puts there: of a
 /// steady sine in whole counts the last count holds 1 + sqrt 2 times the one before it, at most. The longest visit
-/// does not count, nor one in which a series begins: there, it may be held.
+/// does not count, nor one in which a series begins: there, it may be held. But where hardly any other value is met
+/// again, noise makes each differ, also of what is held.
 pub fn clipped(decays: &Decays) -> Vec<usize> {
     let at_rail = |(output, side): (usize, f64)| {
         let all = || decays.of_output(&decays.y, output).flatten().map(|y| side * y);
@@ -142,9 +169,19 @@ pub fn clipped(decays: &Decays) -> Vec<usize> {
         let series = decays.of_output(&decays.y, output);
         let runs = series.flat_map(|series| series.chunk_by(|p, q| p == q).skip(1));
         let visits = runs.filter(|run| side * run[0] == rail).map(<[f64]>::len);
-        let (again, longest) = visits.fold((0, 0), |(all, most), run| (all + run, run.max(most)));
-        let chance = surprise_of_count((again - longest) as f64, (1.0 + SQRT_2) * beside);
-        let is_clipped = chance > without_a_name(2.0 * decays.outputs as f64);
+        let (mut times, mut again, mut longest) = (0, 0, 0);
+        for run in visits {
+            (times, again, longest) = (times + 1, again + run, longest.max(run));
+        }
+        let among_counts = surprise_of_count((again - longest) as f64, (1.0 + SQRT_2) * beside);
+        // how many of the other values are met again
+        let mut others: Vec<f64> = all().filter(|y| *y < rail).collect();
+        others.sort_by(f64::total_cmp);
+        let repeats = others.windows(2).filter(|pair| pair[0] == pair[1]).count();
+        let expected = (again * (1 + repeats)) as f64 / all().count() as f64;
+        let among_noise = surprise_of_count((again - times) as f64, expected);
+        let is_clipped =
+            among_counts.max(among_noise) > without_a_name(2.0 * decays.outputs as f64);
         let is_at = move |(i, y): &(usize, &f64)| {
             is_clipped && side * **y == rail && i / decays.samples % decays.outputs == output
         };

@@ -18,6 +18,8 @@ mod motion;
 mod noise;
 mod plant;
 mod selection;
+#[cfg(test)]
+mod slow_tests;
 mod structure;
 mod terms;
 #[cfg(test)]
@@ -75,6 +77,7 @@ fn left(selected: &Selected, named: bool, gain: &GainFigures) -> Unexplained {
     if let Some(like) = selected.strongest_rival().filter(|_| !named) {
         significant.push(format!("something like {}", like.form.term.words()));
     }
+    significant.extend(words::drift(&selected.fit).filter(|_| !named));
     let mut noted = Vec::new();
     let p = gain::whiteness(&misfit, decays, std::slice::from_ref(&(0..decays.samples)));
     let p = p.min(if named { 1.0 } else { gain.whiteness_p });
@@ -131,6 +134,7 @@ fn unexplained(selected: &Selected, left: &Unexplained) -> Vec<String> {
 pub fn critique(data: &Observations) -> Result<Outcome, CritiqueError> {
     let mut all = Decays::of(data)?;
     let clipped = lost::clipped(&all);
+    let held = lost::held(&all);
     let mut strays = BTreeMap::new();
     for last in [false, false, true] {
         all.work.begins(work::ONSET);
@@ -144,8 +148,9 @@ pub fn critique(data: &Observations) -> Result<Outcome, CritiqueError> {
         }
         if strays.len() == known || last {
             let clips = clipped.iter().any(|i| i % all.samples >= decays.skipped);
-            let lost = lost_in_words(&all, clipped.len(), &strays);
-            return judged(data, &selected, (lost, clips));
+            let mut lost = lost_in_words(&all, clipped.len(), &strays);
+            let why_none = clips.then(|| lost.remove(0)).or(held);
+            return judged(data, &selected, lost, why_none);
         }
     }
     unreachable!("the last round returns")
@@ -166,16 +171,18 @@ fn lost_in_words(all: &Decays, clipped: usize, strays: &BTreeMap<usize, f64>) ->
     said.filter(|(count, _)| *count > 0).map(|(_, words)| words).collect()
 }
 
-/// `lost`: what is said of samples that count for nothing; `clips`: the first of it is of samples that were fitted.
+/// `lost`: what is said of samples that count for nothing; `why_none`: why samples that were fitted give no name.
 fn judged(
     data: &Observations,
     selected: &Selected,
-    (mut lost, clips): (Vec<String>, bool),
+    lost: Vec<String>,
+    why_none: Option<String>,
 ) -> Result<Outcome, CritiqueError> {
     let decays = selected.fit.decays;
-    // an offset may be the larger part of the signals: the ring is judged by the movement that it explains
-    let misfit = selected.fit.misfit();
-    let explained = 1.0 - dot(&misfit, &misfit) / dot(&decays.y, &decays.y);
+    // an offset may be the larger part of the signals, or a drift: the ring is judged by the movement that it explains
+    let still = selected.fit.drift().map(|_| selected.fit.still().misfit());
+    let (misfit, moved) = (selected.fit.misfit(), still.as_ref().unwrap_or(&decays.y));
+    let explained = 1.0 - dot(&misfit, &misfit) / dot(moved, moved);
     // a sound of many partials follows from the samples before, though a single one explains little of it
     let sounds = || Fit::zero(decays).noise().predictable() > MOSTLY;
     if explained.is_nan() || !rings(selected, explained) && !sounds() {
@@ -187,10 +194,7 @@ fn judged(
     let (misfit, gain) = gain::measure(selected);
     let structure = structure::of(selected);
     let mut left = left(selected, !causes.is_empty(), &gain.after);
-    let why_none = match clips {
-        true => Some(lost.remove(0)),
-        false => structure::why_no_decay(selected, &structure),
-    };
+    let why_none = why_none.or_else(|| structure::why_no_decay(selected, &structure));
     let is_decay = why_none.is_none();
     if let Some(why) = why_none {
         causes.clear();

@@ -64,8 +64,15 @@ pub fn waves_of(term: Term, at: usize, p: &[f64]) -> Vec<Wave> {
             let by = vec![(SIGMA, [k, 0.0]), (OMEGA, [0.0, k])];
             vec![Wave { sigma: k * sigma, omega: k * omega, by }]
         }
+        // its sine is 0, and takes nothing
+        Term::Drift => vec![Wave { sigma: p[at], omega: 0.0, by: vec![(at, [1.0, 0.0])] }],
         _ => Vec::new(),
     }
+}
+
+/// How many free amplitudes a term has in every series: an offset, or those of the cosine and the sine of waves.
+pub fn columns_of(term: Term, at: usize, p: &[f64]) -> usize {
+    usize::from(term == Term::Offset) + 2 * waves_of(term, at, p).len()
 }
 
 /// A model of some decays: the oscillator with its terms, and their numbers. `fit.rs` finds these.
@@ -105,7 +112,7 @@ impl Fit<'_> {
                 Term::Unnamed(rival) => {
                     motion.unnamed.set(rival, &p[at..at + term.numbers()]);
                 }
-                Term::Offset | Term::Line(_) => {}
+                Term::Offset | Term::Drift | Term::Line(_) => {}
             }
         }
         motion

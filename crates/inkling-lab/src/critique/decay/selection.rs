@@ -45,6 +45,9 @@ pub struct Selected<'a> {
     pub fit: Fit<'a>,
     pub noise: Noise,
     pub covariance: DMatrix<f64>,
+    /// The final model without what has no name, but a drift, fitted anew: what can be told of it as numbers. None:
+    /// all of it can.
+    pub told: Option<(Fit<'a>, DMatrix<f64>)>,
     /// One for each term of `fit`, rivals among them.
     pub causes: Vec<Chosen<Added<'a>>>,
     pub evidence: Vec<Evidence>,
@@ -55,9 +58,16 @@ pub struct Selected<'a> {
 }
 
 impl<'a> Selected<'a> {
+    /// But for a drift, which lies beside all that rings.
     pub fn strongest_rival(&self) -> Option<&Tried<'a>> {
-        let rivals = self.causes.iter().map(|c| &c.candidate).filter(|c| !c.has_name());
+        let is_rival = |c: &&Tried| !c.has_name() && c.id != CauseId::Drift;
+        let rivals = self.causes.iter().map(|c| &c.candidate).filter(is_rival);
         rivals.max_by(|p, q| p.statistic.total_cmp(&q.statistic))
+    }
+
+    /// What its numbers are told of, with their covariance.
+    pub fn told(&self) -> (&Fit<'a>, &DMatrix<f64>) {
+        self.told.as_ref().map_or((&self.fit, &self.covariance), |(fit, of)| (fit, of))
     }
 
     /// The causes that keep their name, with their indices: those that explain more than any rival in the
@@ -161,7 +171,7 @@ impl<'a> System for &'a Decays {
             }
         }
         let all = Term::NAMED.into_iter().chain(lines()).chain(unnamed().map(Term::Unnamed));
-        candidates(parent, may_join(all.collect()))
+        candidates(parent, may_join(all.chain([Term::Drift]).collect()))
     }
 
     /// All candidates that passed compete by BIC, but a line that something without a name makes as well: the
@@ -180,7 +190,7 @@ impl<'a> System for &'a Decays {
             model: t.form.fit.clone(),
             // a pair of lines counts by what each of them gains
             penalised: -t.form.bic / if t.id == CauseId::GainSways { 2.0 } else { 1.0 },
-            may_enter: t.has_name() || t.statistic >= least,
+            may_enter: t.has_name() || t.id == CauseId::Drift || t.statistic >= least,
         };
         let passed = tried.iter().filter(|t| t.accepted() && t.form.bic > 0.0);
         let mut contenders: Vec<_> = passed.map(contender).collect();
@@ -207,7 +217,8 @@ impl<'a> System for &'a Decays {
     ) -> ControlFlow<Fit<'a>, Fit<'a>> {
         let newcomer = causes.last().map(|c| c.candidate.form.term);
         let (there, lines) = (causes.len(), now.lines());
-        let alone = newcomer == Some(Term::Line(Line::Mode)) && lines == causes.len();
+        let beside = lines + usize::from(now.drift().is_some());
+        let alone = newcomer == Some(Term::Line(Line::Mode)) && beside == causes.len();
         if !alone {
             eliminate(&mut now, causes);
             exchange(&mut now, causes);
@@ -232,8 +243,14 @@ pub fn select(decays: &Decays) -> Selected<'_> {
     let more = better_form(&mut fit, &mut causes, &noise);
     let form_is_known = more > margin(&fit, &noise);
     let covariance = fit.covariance(&noise);
+    let told = fit.terms.iter().any(|term| term.is_untold()).then(|| {
+        let told = fit.without(|i| fit.terms[i].is_untold());
+        let told = told.descend(&Noise::white(&fit.sizes()));
+        let covariance = told.covariance(&told.noise());
+        (told, covariance)
+    });
     causes.insert(0, offset(&fit, &noise));
-    Selected { baseline, fit, noise, covariance, causes, evidence, unnamed, form_is_known }
+    Selected { baseline, fit, noise, covariance, told, causes, evidence, unnamed, form_is_known }
 }
 
 /// The offset that all decays share, as a cause. One that differs between decays is none: what its
@@ -268,9 +285,13 @@ fn offset<'a>(fit: &Fit<'a>, noise: &Noise) -> Chosen<Added<'a>> {
     let error = if is_shared { sd[output] / count.sqrt() } else { by_spread };
     let scale = fit.decays.scale[output];
     let form = Added { term: Term::Offset, fit: fit.clone(), share: 0.0, bic: 0.0 };
+    let looks = if is_shared { 1.0 } else { outputs as f64 };
+    // what drifts is no offset, nor what no sample comes near
+    let seen = || fit.decays.of_output(&fit.decays.y, output).flatten();
+    let stays = fit.drift().is_none() && seen().any(|y| *y > mean) && seen().any(|y| *y < mean);
     let candidate = Candidate {
         degrees,
-        surprise: surprise(statistic, degrees, if is_shared { 1.0 } else { outputs as f64 }, dof),
+        surprise: if stays { surprise(statistic, degrees, looks, dof) } else { 0.0 },
         value: mean * scale,
         sd: error * scale,
         ..Candidate::plain(CauseId::Offset, statistic, form)

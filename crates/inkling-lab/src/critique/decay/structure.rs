@@ -114,7 +114,7 @@ fn poles(fit: &Fit) -> Vec<([f64; 2], usize)> {
 }
 
 fn modes(selected: &Selected) -> Vec<Mode> {
-    let fit = &selected.fit;
+    let (fit, covariance) = selected.told();
     let decays = fit.decays;
     let hertz = 1.0 / (TAU * decays.dt_s);
     let cut = |j: usize| {
@@ -126,7 +126,7 @@ fn modes(selected: &Selected) -> Vec<Mode> {
     let powers = powers(fit);
     let all: f64 = powers.iter().sum();
     let mode = |(i, ([sigma, omega], at)): (usize, ([f64; 2], usize))| {
-        let variance = selected.covariance[(at, at)].max(0.0);
+        let variance = covariance[(at, at)].max(0.0);
         let moved = cuts.iter().map(|poles| (poles[i].0[1] - omega).powi(2)).sum::<f64>();
         let half = 1.96 * variance.max(moved / CUTS as f64).sqrt() * hertz;
         let frequency_hz = omega * hertz;

@@ -45,6 +45,8 @@ pub enum Term {
     Drag,
     Friction,
     Line(Line),
+    /// A slow exponential beside the ring, or nearly a straight line: a zero that drifts, or settles.
+    Drift,
     /// A rival without a name.
     Unnamed(CauseId),
 }
@@ -64,6 +66,7 @@ impl Term {
             Term::Line(Line::Tone) => CauseId::Tone,
             Term::Line(Line::SideBands) => CauseId::GainSways,
             Term::Line(Line::Harmonic(_)) => CauseId::OwnShape,
+            Term::Drift => CauseId::Drift,
             Term::Unnamed(rival) => rival,
         }
     }
@@ -82,6 +85,11 @@ impl Term {
         matches!(self, Term::Line(_))
     }
 
+    /// Whether neither the equation nor the list of modes holds it.
+    pub fn is_untold(self) -> bool {
+        !self.id().has_name() && self != Term::Drift
+    }
+
     pub fn places(self, decays: &Decays) -> f64 {
         match self {
             Term::Line(Line::Harmonic(_)) => f64::from(MOST_HARMONIC),
@@ -91,7 +99,7 @@ impl Term {
     }
 
     /// How many numbers it has, beside the amplitudes of its waves. A mode has sigma and omega, a tone omega,
-    /// side bands sigma and the distance to the ring's omega. Any other term that is no line has its
+    /// side bands sigma and the distance to the ring's omega, a drift its rate. Any other term that is no line has its
     /// strength, and some rivals a second number.
     pub fn numbers(self) -> usize {
         match self {
@@ -106,7 +114,7 @@ impl Term {
     pub fn step(self, number: usize, samples: usize) -> Option<f64> {
         let length = samples as f64;
         match (self.id(), number) {
-            _ if self == Term::Offset || self.is_line() => None,
+            _ if matches!(self, Term::Offset | Term::Drift | Term::Line(_)) => None,
             (CauseId::LossFollowsTime | CauseId::FrequencyFollowsTime, 0) => {
                 Some(1e-3 / (length * length))
             }
@@ -123,7 +131,7 @@ impl Term {
             Term::Unnamed(rival) => {
                 SPRINGS.contains(&rival) || rival == CauseId::FrequencyFollowsTime
             }
-            Term::Offset | Term::Line(_) => false,
+            Term::Offset | Term::Drift | Term::Line(_) => false,
         }
     }
 

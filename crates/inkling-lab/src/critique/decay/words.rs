@@ -14,7 +14,7 @@ use crate::critique::catalogue::InDecays;
 use crate::critique::finding::{Cause, UNIT};
 use crate::critique::words::cause_sentence;
 use crate::plot::digits;
-use nalgebra::DVector;
+use nalgebra::{DMatrix, DVector};
 use std::f64::consts::TAU;
 use std::fmt::Write;
 
@@ -40,19 +40,18 @@ fn value(selected: &Selected, index: usize) -> (f64, f64) {
                 let waves = waves_of(term, at, &fit.p);
                 waves.first().map_or(f64::NAN, |w| w.omega) / (TAU * dt)
             }
-            Term::Offset | Term::Unnamed(_) => f64::NAN,
+            Term::Offset | Term::Drift | Term::Unnamed(_) => f64::NAN,
         }
     };
 
-    propagated(selected, of)
+    propagated((&selected.fit, &selected.covariance), of)
 }
 
 /// A number that follows from those of the fit, with its standard error by linear propagation: by central
 /// differences of a hundredth of the numbers' errors, where the amplitudes are held.
-fn propagated(selected: &Selected, of: impl Fn(&Fit) -> f64) -> (f64, f64) {
-    let fit = &selected.fit;
+fn propagated((fit, covariance): (&Fit, &DMatrix<f64>), of: impl Fn(&Fit) -> f64) -> (f64, f64) {
     let gradient = DVector::from_fn(fit.p.len(), |j, _| {
-        let h = 0.01 * selected.covariance[(j, j)].max(0.0).sqrt();
+        let h = 0.01 * covariance[(j, j)].max(0.0).sqrt();
         let moved = |by: f64| {
             let mut moved = fit.clone();
             moved.p[j] += by;
@@ -60,7 +59,7 @@ fn propagated(selected: &Selected, of: impl Fn(&Fit) -> f64) -> (f64, f64) {
         };
         if h > 0.0 && h.is_finite() { (moved(h) - moved(-h)) / (2.0 * h) } else { 0.0 }
     });
-    let variance = gradient.dot(&(&selected.covariance * &gradient));
+    let variance = gradient.dot(&(covariance * &gradient));
     (of(fit), variance.max(0.0).sqrt())
 }
 
@@ -79,6 +78,10 @@ pub fn causes(selected: &Selected) -> (Vec<Cause>, Vec<String>) {
             continue; // every series has one; none that all share was found
         }
         // what has no name, or not enough to keep it, becomes a remark
+        if term == Term::Drift {
+            remarks.extend(drift(&selected.fit));
+            continue;
+        }
         if !id.has_name() {
             remarks.push(format!(
                 "the misfit is like {}, which the catalogue has no name for ({} DL)",
@@ -101,7 +104,7 @@ pub fn causes(selected: &Selected) -> (Vec<Cause>, Vec<String>) {
         let mut cause = chosen.cause();
         cause.sentence = sentence(&cause);
         if term == Term::Offset && decays.outputs > 1 {
-            let offsets = selected.fit.offsets();
+            let offsets = selected.fit.offsets(0);
             let line = |(offset, channel): (f64, &u32)| {
                 format!("{} on channel {channel}", digits::short(offset))
             };
@@ -120,7 +123,34 @@ pub fn causes(selected: &Selected) -> (Vec<Cause>, Vec<String>) {
         }
         found.push(cause);
     }
+    remarks.extend(selected.told.as_ref().map(|(told, _)| {
+        format!(
+            "modes and equation are those without what has no name: alone, they miss {} % of the movement",
+            digits::short(100.0 * told.left())
+        )
+    }));
     (found, remarks)
+}
+
+/// What is said of a zero that drifts, of the output in which it drifts farthest.
+pub fn drift(fit: &Fit) -> Option<String> {
+    fit.drift()?;
+    let decays = fit.decays;
+    let [first, last] = [0, decays.samples - 1].map(|k| fit.offsets(k));
+    let farthest = (0..decays.outputs).max_by(|p, q| {
+        let size = |o: usize| (last[o] - first[o]).abs() / decays.scale[o];
+        size(*p).total_cmp(&size(*q))
+    })?;
+    let channel = match decays.outputs {
+        1 => String::new(),
+        _ => format!(" on channel {}", decays.channels[farthest]),
+    };
+    Some(format!(
+        "what the sensor shows at rest drifts{channel}, from {} {UNIT} at t = {} s to {} at the end",
+        digits::significant(first[farthest], 3),
+        digits::short(decays.time_s(0)),
+        digits::significant(last[farthest], 3)
+    ))
 }
 
 fn sentence(cause: &Cause) -> String {
@@ -135,13 +165,13 @@ fn sentence(cause: &Cause) -> String {
 /// The fitted equation: the equation of motion, what an output shows, and lines of a name; then a line for each
 /// number but the amplitudes of lines and the shares of outputs, with its 95 % interval.
 pub fn equation(selected: &Selected) -> String {
-    let fit = &selected.fit;
+    let (fit, covariance) = selected.told();
     let decays = fit.decays;
     let (dt, scale) = (decays.dt_s, decays.scale[0]);
     let mut text = String::from("x'' = -2 s x' - w^2 ");
     let mut numbers: Vec<String> = Vec::new();
     let mut number = |name: &str, unit: &str, of: &dyn Fn(&Fit) -> f64| {
-        let (value, sd) = propagated(selected, of);
+        let (value, sd) = propagated((fit, covariance), of);
         let interval = [value - 1.96 * sd, value + 1.96 * sd];
         numbers.push(format!("{name} = {}", digits::measured(value, interval, unit)));
     };
@@ -175,12 +205,24 @@ pub fn equation(selected: &Selected) -> String {
     text += if decays.outputs > 1 { "\ny_j = g_j x + h_j x'" } else { "\ny = x" };
     text += if decays.outputs > 1 { " + b_j" } else { " + b" };
     let mut offsets: Vec<String> = Vec::new();
-    for (offset, channel) in fit.offsets().into_iter().zip(&decays.channels) {
-        let name = match decays.outputs {
-            1 => "b".to_owned(),
-            _ => format!("b_{channel}"),
-        };
-        offsets.push(format!("{name} = {} {UNIT}", digits::significant(offset, 5)));
+    let mut of_outputs = |name: &str, unit: &str, values: &[f64]| {
+        for (value, channel) in values.iter().zip(&decays.channels) {
+            let name = match decays.outputs {
+                1 => name.to_owned(),
+                _ => format!("{name}_{channel}"),
+            };
+            offsets.push(format!("{name} = {} {unit}", digits::significant(*value, 5)));
+        }
+    };
+    let first = fit.offsets(0);
+    of_outputs("b", UNIT, &first);
+    if let Some((rate, _)) = fit.drift() {
+        text += if decays.outputs > 1 { " + v_j" } else { " + v" };
+        text += " (1 - e^(-r t))/r";
+        let per_s = rate / dt / (-rate).exp_m1();
+        let slopes = first.iter().zip(fit.offsets(1)).map(|(b, next)| (b - next) * per_s);
+        of_outputs("v", "units/s", &slopes.collect::<Vec<f64>>());
+        number("r", "1/s", &|fit| fit.drift().map_or(0.0, |(rate, _)| rate / dt));
     }
 
     // lines are numbered from 2 on, after the ring
