@@ -7,15 +7,15 @@
 //! Every test must be so surprising that all tests of its kind together pass by chance once in 1000
 //! (`without_a_name`). Where statistics of tests do not compare, twice the surprise stands for the statistic.
 
-use super::artefacts::{Artefacts, accepted};
-use super::candidates::{Applied, ParameterTest, ScoreTests, Scored, Setting};
+use super::candidate::Objection;
+use super::candidates::{Applied, Asked, ParameterTest, ScoreTests, Scored, Setting};
 use super::catalogue::{Acts, CATALOGUE, CauseId, RIVALS};
 use super::chance::without_a_name;
 use super::covariates::{DRIVE, NAMES, TEMPERATURE, TIME};
-use super::objection::Objection;
+use super::leftovers::{Artefacts, accepted};
 use super::selection::Selected;
 use super::tuned::LEFT_BY_ALL;
-use super::verdict::Unexplained;
+use super::words::Unexplained;
 
 /// In the order of `ParameterTest::parameter`.
 const PARAMETERS: [&str; 5] = ["damping", "frequency", "amplitude", "phase", "slow decay"];
@@ -90,7 +90,8 @@ fn of_artefacts(artefacts: &Artefacts) -> Vec<Significant> {
 /// The mean misfit: a free shape (a bump or a step), or a rival if one is more surprising. `growth`: of the
 /// noise's variance; `alone`: no cause is in the model.
 fn of_the_mean(tests: &ScoreTests, growth: f64, alone: bool) -> Option<Significant> {
-    let local = tests.own_shape(CauseId::OwnShape, None).map_or(0.0, |s| s.surprise / growth);
+    let local =
+        tests.own_shape(Asked::anew(CauseId::OwnShape)).map_or(0.0, |s| s.surprise / growth);
     let asked = local.max(without_a_name(RIVALS.len() as f64));
     if let Some(s) = tests.likest_rival().filter(|s| s.surprise / growth > asked) {
         // beside a cause, a rival takes what the cause's own model leaves; so the free shape tells how much is

@@ -14,12 +14,11 @@
 //! Of fractions of counts only clipping is looked for. The work depends on the number of samples and not on how
 //! large they are.
 
-use super::candidate::Candidate;
+use super::candidate::{Candidate, Objection};
 use super::catalogue::CauseId;
 use super::chance::THRESHOLD;
 use super::lattice::Lattice;
 use super::model::{Codes, Linear, Model, Rail};
-use super::objection::Objection;
 use super::observations::Observations;
 use super::tuned::CLIPPED_SHARE;
 use inkling_core::model::normal::ln_upper_tail;

@@ -196,8 +196,7 @@ struct Sums<'a> {
     /// The sums over the channel whose signals are being added.
     channel: ChannelSums,
     /// Columns over the shapes whose products the scatter within channels, and that between them, take off K.
-    of_signals: Vec<f64>,
-    of_channels: Vec<f64>,
+    hidden: Vec<f64>,
 }
 
 /// Sums over one channel's signals, with V the covariance of a signal about its channel.
@@ -245,15 +244,13 @@ impl<'a> Sums<'a> {
                 diagonal: DMatrix::zeros(PATTERNS * PATTERNS, n),
             },
             channel: ChannelSums::new(d),
-            of_signals: Vec::new(),
-            of_channels: Vec::new(),
+            hidden: Vec::new(),
         }
     }
 
     fn finish(self) -> Part {
-        let Sums { mut part, mut of_signals, mut of_channels, data, .. } = self;
-        part.take_off(&mut of_signals, PATTERNS * data.samples, 1);
-        part.take_off(&mut of_channels, PATTERNS * data.samples, 1);
+        let Sums { mut part, mut hidden, data, .. } = self;
+        part.take_off(&mut hidden, PATTERNS * data.samples, 1);
         part
     }
 
@@ -303,10 +300,10 @@ impl<'a> Sums<'a> {
         let (shapes, scale) = (PATTERNS * self.data.samples, self.inflate);
         for column in signal.l.column_iter() {
             for power in powers {
-                self.of_signals.extend(column.iter().map(|x| x * power * scale));
+                self.hidden.extend(column.iter().map(|x| x * power * scale));
             }
         }
-        self.part.take_off(&mut self.of_signals, shapes, AT_A_TIME * FREE);
+        self.part.take_off(&mut self.hidden, shapes, AT_A_TIME * FREE);
     }
 
     /// Accounts for the scatter between channels once all of a channel's signals are in, by Woodbury's
@@ -331,9 +328,8 @@ impl<'a> Sums<'a> {
         if self.tells_scatter(unit) {
             let scale = self.inflate;
             for column in f.column_iter() {
-                self.of_channels.extend(column.rows(0, shapes).iter().map(|x| x * scale));
+                self.hidden.extend(column.rows(0, shapes).iter().map(|x| x * scale));
             }
-            self.part.take_off(&mut self.of_channels, shapes, AT_A_TIME * FREE);
         }
 
         let low = f.rows(shapes, d - shapes).into_owned();

@@ -19,23 +19,19 @@
 //! them, because what a cause does to single signals may look like noise.
 
 use super::adequacy::{self, Adequacy};
-use super::artefacts::{Artefacts, accepted};
 use super::autoregression::Autoregression;
-use super::candidate::Candidate;
+use super::candidate::{Candidate, Objection};
 use super::candidates::{Scored, Setting};
 use super::catalogue::{Acts, CauseId};
 use super::chance::without_a_name;
-use super::extended::{self, OutlierCount};
-pub use super::extended::{Extended, NotExtended};
 use super::finding::{
     Cause, Critique, Detection, Evidence, NotTestable, Signals, VERSION, Verdict,
 };
-use super::leftovers::{leave_out, still_there};
+use super::leftovers::{Artefacts, accepted, leave_out, still_there};
 use super::model::Model;
-use super::objection::Objection;
 use super::observations::Observations;
-pub use super::outcome::{CritiqueError, Outcome};
-use super::outcome::{FEWEST_SAMPLES, FEWEST_SIGNALS};
+use super::outcome::{self, FEWEST_SAMPLES, FEWEST_SIGNALS, OutlierCount};
+pub use super::outcome::{CritiqueError, Extended, NotExtended, Outcome};
 use super::outliers::{Outliers, outliers};
 use super::selection::{self, Selected};
 use super::words::{cause_sentence, equation, not_worth, ties};
@@ -114,7 +110,7 @@ fn of_ink_channels(all: &Observations, labelled: bool) -> Result<Outcome, Critiq
     let count = outlier.iter().filter(|o| **o).count();
     let outliers = OutlierCount { signals: count, all: all.len() };
     let verdict = Verdict::of(&mut causes, &left.unexplained);
-    let allowed = extended::check(&applied, outliers, &gain, verdict);
+    let allowed = outcome::check(&applied, outliers, &gain, verdict);
     let mut remarks = unexplained(&selected.unnamed, &left);
     remarks.extend(not_worth(&causes, &gain));
     remarks.extend(caveats(all, outliers, &allowed, causes.is_empty()));
@@ -153,7 +149,7 @@ fn of_ink_channels(all: &Observations, labelled: bool) -> Result<Outcome, Critiq
         None => Ok(Extended::new(selected.fitted.model, &applied, &data.beside)),
         Some(coloured) => {
             let setting = Setting { data: &coloured, avoid: &avoid };
-            extended::in_colour(applied, setting)
+            outcome::in_colour(applied, setting)
         }
     });
     Ok(Outcome { critique, outlier, extended })
@@ -184,9 +180,7 @@ impl Prepared {
         // codes first: what is accepted of them becomes part of the baseline (rails, lattice)
         data.work.begins(work::CODES);
         let codes = codes::test(&data, &mut baseline);
-        if !codes.is_empty() {
-            baseline.fit(&data, 2);
-        }
+        baseline.fit(&data, 2);
         let noise = ensemble::test(&data, &baseline);
         let mut artefacts = Artefacts { codes, noise, odd_signals: 0.0 };
 

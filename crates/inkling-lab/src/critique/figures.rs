@@ -98,19 +98,13 @@ pub fn draw(before: &Model, after: &Model, data: &Observations) -> Figures {
     let (b, a) = (residuals(before, data), residuals(after, data));
     let n = data.samples;
     let mean = |r: &Residuals| Curve::about(r.mean.clone(), r.se.iter().map(|se| 1.96 * se));
-    let mean_misfit = Compared {
-        x: (0..n).map(|k| k as f64 * data.dt_s).collect(),
-        before: mean(&b),
-        after: mean(&a),
-    };
+    let times = (0..n).map(|k| k as f64 * data.dt_s).collect();
+    let mean_misfit = Compared::of(times, [&b, &a].map(mean));
     let [low, high] = band_of_means(data.len() as f64);
     let edge = |by: f64| a.of_white.iter().map(|w| after.noise_var * w * by).collect();
     let power = |r: &Residuals| Curve { y: r.power.clone(), low: edge(low), high: edge(high) };
-    let spectrum = Compared {
-        x: (0..n / 2).map(|j| (j + 1) as f64 / (n as f64 * data.dt_s)).collect(),
-        before: power(&b),
-        after: power(&a),
-    };
+    let hertz = (0..n / 2).map(|j| (j + 1) as f64 / (n as f64 * data.dt_s)).collect();
+    let spectrum = Compared::of(hertz, [&b, &a].map(power));
     let present = (1..COVARIATES).filter(|which| data.beside.present[*which]);
     let pairs = present.flat_map(|which| (0..PARAMETERS.len()).map(move |j| (which, j)));
     let covariates = pairs.map(|(which, j)| against(which, j, [&b, &a], data)).collect();
@@ -128,7 +122,7 @@ pub fn in_bins(bins: impl Iterator<Item = impl Iterator<Item = [f64; 3]>>) -> Co
         let (mean, se) = means(j);
         Curve::about(mean, se.into_iter().map(|se| 1.96 * se))
     };
-    Compared { x: means(0).0, before: curve(1), after: curve(2) }
+    Compared::of(means(0).0, [1, 2].map(curve))
 }
 
 /// Mean of the misfit of `PARAMETERS[j]` in bins of covariate `which`, with 95 % bars; empty where there

@@ -3,8 +3,8 @@
 //! `engine.rs` and `decay/mod.rs` fill them. `critique.json` is [`Critique`] serialised, without the fields
 //! marked `skip` (`schemas/critique.md`); evidence and figures go to tables of their own and to the report.
 
+use super::candidate::{Objection, WhyNot};
 use super::catalogue::{CATALOGUE, CauseId, Entry};
-use super::objection::{Objection, WhyNot};
 use crate::plot::digits;
 pub use crate::score::blind::Verdict;
 use serde::Serialize;
@@ -165,7 +165,7 @@ pub struct LogLikelihood {
 }
 
 /// Mean gain in ln likelihood over the signals, nats, and its 95 % interval by resampling channels (of
-/// decays, from the scatter of samples).
+/// decays: stretches of time).
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct Worth {
     pub gain: f64,
@@ -320,6 +320,13 @@ pub struct Compared {
     pub x: Vec<f64>,
     pub before: Curve,
     pub after: Curve,
+}
+
+impl Compared {
+    /// `curves`: before and after.
+    pub fn of(x: Vec<f64>, [before, after]: [Curve; 2]) -> Compared {
+        Compared { x, before, after }
+    }
 }
 
 /// Misfit of a model parameter against a recorded covariate, in bins.

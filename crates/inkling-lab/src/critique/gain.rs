@@ -6,7 +6,7 @@
 //! 1. split the signals: both models are fitted to every other channel in three of five blocks of time, and
 //!    judged on the other channels in the two blocks between (with too few channels, the split is by time
 //!    alone; where every channel was heard once, by channel alone);
-//! 2. judge each held-out signal by its deviation from the population (`population.rs`): chi-squared of its
+//! 2. judge each held-out signal by its deviation from the population (`held_out.rs`): chi-squared of its
 //!    samples, and the squared Mahalanobis distance of its fitted parameters, the detection statistic;
 //! 3. learn the threshold of that statistic from the training signals;
 //! 4. plant a small fault, a change of ln damping, in each held-out signal, and compute the area under the
@@ -18,12 +18,14 @@
 
 use super::candidates::{Applied, Setting};
 use super::chance::{interval, interval_of, resampled};
-use super::finding::{FAULT, Gain, GainFigures, HeldOut, Misfit};
-use super::held_out::{TrainTestSplit, baseline, by_channel, with};
+use super::finding::{FAULT, Gain, GainFigures, HeldOut, Misfit, Worth};
+use super::held_out::{
+    FEWEST_UNITS, MostProbable, Population, Predictor, SHRINKAGE, TrainTestSplit, baseline,
+    by_channel, population, with,
+};
 use super::matrices::{Matrix5, Vector5, inverse_or_zero};
 use super::model::Model;
 use super::observations::Observations;
-use super::population::{FEWEST_UNITS, MostProbable, Population, Predictor, SHRINKAGE, population};
 use super::whiteness::{Lags, whiteness_p};
 use inkling_core::model::free_decay::FREE;
 use inkling_core::model::inner_product::dot;
@@ -74,6 +76,17 @@ impl Squares {
             detection_auc: f64::NAN,
             ..GainFigures::default()
         }
+    }
+}
+
+impl Worth {
+    /// `groups`: which of the gains are drawn together in resampling.
+    pub fn of(gains: &[f64], groups: &[Vec<usize>]) -> Worth {
+        let mean = |chosen: &[usize]| {
+            chosen.iter().map(|i| gains[*i]).sum::<f64>() / chosen.len().max(1) as f64
+        };
+        let (gain, mut drawn) = resampled(groups, DRAWINGS + 1, mean);
+        Worth { gain, ci95: interval(&mut drawn).unwrap_or([f64::NAN; 2]) }
     }
 }
 
@@ -143,18 +156,11 @@ fn judge(model: &Model, data: &Observations, known: bool, lags: bool) -> Vec<Jud
 
 /// Area under the ROC curve: the share of pairs in which the faulty signal has the larger statistic.
 fn auc(healthy: &[f64], faulty: &[f64]) -> f64 {
-    let mut all: Vec<(f64, bool)> = healthy.iter().map(|v| (*v, false)).collect();
-    all.extend(faulty.iter().map(|v| (*v, true)));
-    all.sort_by(|p, q| p.0.total_cmp(&q.0));
-    let (mut below, mut sum) = (0.0, 0.0);
-    for (_, is_faulty) in all {
-        if is_faulty {
-            sum += below;
-        } else {
-            below += 1.0;
-        }
-    }
-    sum / (healthy.len() as f64 * faulty.len() as f64).max(1.0)
+    let mut sorted = healthy.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    let below = |faulty: &f64| sorted.partition_point(|healthy| healthy <= faulty);
+    let pairs = (healthy.len() * faulty.len()).max(1);
+    faulty.iter().map(below).sum::<usize>() as f64 / pairs as f64
 }
 
 /// The detection threshold, which a share `ALARMS` of healthy signals of channels never heard before is

@@ -17,14 +17,13 @@
 //! what was recorded is taken out before, where it is more than chance: each costs a contrast, and few contrasts
 //! tell little of a variance.
 
-use super::candidate::Candidate;
+use super::candidate::{Candidate, Objection};
 use super::catalogue::CauseId;
 use super::chance::{HINT, ONCE_IN_100, maximum, surprise};
 use super::clusters::{Burst, Clusters};
 use super::covariates::{COVARIATES, DRIVE, ONE};
 use super::matrices::means_of_groups;
 use super::model::Model;
-use super::objection::Objection;
 use super::observations::Observations;
 use super::space::Direction;
 use inkling_core::numbers::LITTLE;

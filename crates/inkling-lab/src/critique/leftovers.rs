@@ -6,12 +6,10 @@
 //! share of the other's statistic that the other's model may leave to it (`leaves_to`: 0, .6, 3 or 10 %, the
 //! square of a relative error), and beside a stronger one also one detection limit.
 
-use super::artefacts::Artefacts;
-use super::candidate::Candidate;
+use super::candidate::{Candidate, Objection};
 use super::catalogue::{Acts, CauseId};
 use super::chance::DETECTION_LIMIT;
 use super::covariates::{TEMPERATURE, TIME};
-use super::objection::Objection;
 use super::tuned::{LEFT_TO_SHAPES, LEFT_TO_UNLIKE};
 use inkling_core::numbers::LITTLE;
 
@@ -90,7 +88,29 @@ impl Finding {
     }
 }
 
+/// The value of a cause if it is among `found` and accepted.
+pub fn accepted(found: &[Candidate], id: CauseId) -> Option<f64> {
+    found.iter().find(|f| f.id == id && f.accepted()).map(|f| f.value)
+}
+
+/// What was tested in codes, and in noise and trigger, accepted or not.
+#[derive(Clone, Debug, Default)]
+pub struct Artefacts {
+    pub codes: Vec<Candidate>,
+    pub noise: Vec<Candidate>,
+    /// `Outliers::shape_surprise`; 0: nothing odd.
+    pub odd_signals: f64,
+}
+
 impl Artefacts {
+    pub fn all(&self) -> impl Iterator<Item = &Candidate> {
+        self.codes.iter().chain(&self.noise)
+    }
+
+    pub fn accepted(&self) -> impl Iterator<Item = &Candidate> {
+        self.all().filter(|f| f.accepted())
+    }
+
     pub fn findings(&self) -> Vec<Finding> {
         self.accepted().map(|f| Finding::of(f, &[])).collect()
     }

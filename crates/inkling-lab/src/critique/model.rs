@@ -25,14 +25,12 @@ use inkling_core::model::inner_product::dot;
 use inkling_core::numbers::LITTLE;
 use nalgebra::DMatrix;
 use std::f64::consts::{PI, TAU};
-use std::iter::repeat;
 
 /// Number of powers of the drive (0 to 3) with which a shape may scale.
 pub const PATTERNS: usize = 4;
-/// Largest changes of ln damping (and ln lambda/sigma) and of ln frequency in one step of `one_step`,
-/// `Model::shift` and `Model::shift_lambda`.
-const MOST_OF_DAMPING: f64 = 0.3;
-const MOST_OF_FREQUENCY: f64 = 0.05;
+/// Largest changes of ln damping (and ln lambda/sigma) and of ln frequency in one step of `Model::shift` and
+/// `Model::shift_lambda`: a linear step cannot leave the range in which it means something.
+const MOST: [f64; 2] = [0.3, 0.05];
 /// Least variance of the noise before a coarse converter rounds it, counts².
 const LEAST_BEFORE_ROUNDING: f64 = 0.09;
 /// Rate of the real pole over the damping, lambda/sigma, that is expected of an ink channel: it follows from
@@ -154,13 +152,6 @@ pub fn powers(drive: f64) -> [f64; PATTERNS] {
     [1.0, drive, drive * drive, drive * drive * drive]
 }
 
-/// Index and step of each parameter; the steps of the first two (ln damping, ln frequency) are clamped so
-/// that a linear step cannot leave the range in which it means something.
-pub fn one_step(step: &[f64]) -> impl Iterator<Item = (usize, f64)> {
-    let most = [MOST_OF_DAMPING, MOST_OF_FREQUENCY].into_iter().chain(repeat(f64::INFINITY));
-    step.iter().zip(most).map(|(step, most)| step.clamp(-most, most)).enumerate()
-}
-
 /// Turns a model's parameters into those of a decay: ln lambda/sigma becomes ln lambda.
 pub fn with_its_pole(mut theta: Theta) -> Theta {
     theta[5] += theta[0];
@@ -224,7 +215,9 @@ impl Model {
         if !step.iter().all(|v| v.is_finite()) {
             return;
         }
-        for (j, step) in one_step(&step[..FREE]) {
+        for (j, step) in step[..FREE].iter().enumerate() {
+            let most = MOST.get(j).copied().unwrap_or(f64::INFINITY);
+            let step = step.clamp(-most, most);
             self.mean[j] += step;
             self.units.iter_mut().for_each(|u| u[j] += step);
         }
@@ -237,7 +230,7 @@ impl Model {
             return;
         }
         let (low, high) = LAMBDA_BOUNDS;
-        let moved = self.mean[5] + step.clamp(-MOST_OF_DAMPING, MOST_OF_DAMPING);
+        let moved = self.mean[5] + step.clamp(-MOST[0], MOST[0]);
         self.mean[5] = moved.min(high.ln()).max(low.ln());
     }
 

@@ -9,7 +9,7 @@
 
 use super::catalogue::CauseId;
 use super::covariates::ONE;
-use super::space::{Direction, Places, Space};
+use super::space::{Direction, Places, Space, places};
 use super::tuned::LN_LAMBDA_SD;
 use inkling_core::model::free_decay::ALL;
 use nalgebra::{DMatrix, DVector};
@@ -18,8 +18,7 @@ use nalgebra::{DMatrix, DVector};
 #[derive(Clone, Debug)]
 pub struct Nuisance<'a> {
     space: &'a Space,
-    /// The directions U: the `ALL` parameters of the mean channel, then the causes, then the errors of their
-    /// models.
+    /// The directions U: the `ALL` parameters of the mean channel, then the causes.
     directions: Vec<Direction>,
     places: Places,
     /// Pseudo-inverse of U^T K U, with the priors of the real pole.
@@ -62,7 +61,7 @@ impl<'a> Nuisance<'a> {
         let unit = |j| Direction::parameter(space.samples, ONE, j);
         let mut directions: Vec<Direction> = (0..ALL).map(unit).collect();
         directions.extend(causes.iter().cloned());
-        let places = Places::of(&directions);
+        let places = places(&directions);
         let k_times: Vec<DVector<f64>> =
             directions.iter().map(|x| space.times(x, &places)).collect();
         let q = directions.len();
@@ -108,7 +107,7 @@ impl<'a> Nuisance<'a> {
     pub fn test(&self, directions: &[Direction]) -> Option<Tested> {
         let q = directions.len();
         // S, the information of the directions after the nuisance
-        let places = self.places.and(Places::of(directions));
+        let places = places(self.directions.iter().chain(directions));
         let k_times: Vec<DVector<f64>> =
             directions.iter().map(|x| self.space.times(x, &places)).collect();
         let cross =

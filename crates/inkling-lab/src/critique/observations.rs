@@ -238,13 +238,12 @@ impl Sampler {
             rows.push(Row { beside: h.beside, printhead, unit, burst });
             y.extend_from_slice(&h.y[..samples]);
         }
-        let recorded: Vec<Beside> = held.iter().map(|h| h.beside).collect();
-        Observations {
+        let all = Observations {
             dt_s: self.dt_s,
             samples,
             integer: self.integer,
             rows,
-            beside: Covariates::of(&recorded, bursts.len()),
+            beside: Covariates::default(),
             y,
             lost: Vec::new(),
             units: units.len(),
@@ -252,7 +251,8 @@ impl Sampler {
             found: self.found,
             printheads: printheads.into_keys().collect(),
             work: Work::default(),
-        }
+        };
+        all.standardised()
     }
 }
 

@@ -11,10 +11,10 @@
 //! couples the signals of a burst ([`ln_densities_with_jitter`]). The sizes of these three are fitted by the
 //! densities of training signals.
 
+use super::held_out::{Population, Predictor};
 use super::matrices::{Matrix5, Vector5, floored};
 use super::model::Model;
 use super::observations::Observations;
-use super::population::{Population, Predictor};
 use inkling_core::model::free_decay::FREE;
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 use std::collections::BTreeMap;
@@ -204,7 +204,7 @@ pub fn ln_densities_with_jitter(all: &[Signal], noise: &Noise, variance: f64) ->
 #[cfg(test)]
 mod tests {
     use super::super::generator::{Run, draw};
-    use super::super::population::population;
+    use super::super::held_out::population;
     use super::*;
 
     fn some() -> Vec<Signal> {

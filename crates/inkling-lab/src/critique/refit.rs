@@ -4,14 +4,13 @@
 //! likelihood is at rest, and the spaces of linear extensions about them.
 //!
 //! One round: (1) linearise about the present causes (`Model::settle`; with `scatter` also EM); (2) sum the
-//! spaces; (3) take a joint Gauss-Newton step of the causes' sizes, where a cause with a shape is searched
+//! space; (3) take a joint Gauss-Newton step of the causes' sizes, where a cause with a shape is searched
 //! anew near its old shape instead; (4) move the mean by what the old causes, which are taken out, and the
-//! new ones, which are put in, ask for. A round that raises -2 ln likelihood is dropped, and the next one
-//! takes half of the step.
+//! new ones, which are put in, ask for. A round that raises -2 ln likelihood is dropped, and
+//! was the last.
 
-use super::candidates::{Applied, ScoreTests, Scored, Setting};
+use super::candidates::{Applied, Asked, ScoreTests, Scored, Setting};
 use super::catalogue::{Acts, CauseId};
-use super::covariates::DRIVE;
 use super::matrices::means_of_groups;
 use super::model::{Additions, Model};
 use super::nuisance::{Both, Nuisance};
@@ -24,8 +23,6 @@ const MOST_ROUNDS: usize = 8;
 /// The refit has settled when -2 ln likelihood changes by less than this, or by less than a share of itself.
 const SETTLED: f64 = 1.0;
 const RESTS: f64 = 2e-5;
-/// Share of a full step below which the refit gives up.
-const LEAST_STRIDE: f64 = 0.2;
 
 /// Adds a cause to a model; with a sign of -1, takes it out.
 pub fn apply(model: &mut Model, applied: &Applied, sign: f64, setting: Setting) {
@@ -65,18 +62,14 @@ impl Both<Space> {
         Both { shapes, covariates }
     }
 
+    /// What is allowed for beside these causes.
     pub fn nuisances(&self, causes: &[Applied]) -> Both<Nuisance<'_>> {
-        self.nuisances_beside(causes, causes)
-    }
-
-    /// The nuisances with `causes`; in the space of covariates also the drive, if one of `all` causes acts through
-    /// the amplitude.
-    fn nuisances_beside(&self, causes: &[Applied], all: &[Applied]) -> Both<Nuisance<'_>> {
-        let mut directions: Vec<Direction> =
-            causes.iter().flat_map(|c| c.directions.iter().cloned()).collect();
-        let shapes = Nuisance::new(&self.shapes, &directions);
-        directions.extend(amplitude(all, self.covariates.samples));
-        Both { shapes, covariates: Nuisance::new(&self.covariates, &directions) }
+        let directions = causes.iter().flat_map(|c| c.directions.iter().cloned());
+        let directions: Vec<Direction> = directions.collect();
+        Both {
+            shapes: Nuisance::new(&self.shapes, &directions),
+            covariates: Nuisance::new(&self.covariates, &directions),
+        }
     }
 }
 
@@ -93,17 +86,16 @@ impl Refit {
         let own = &self.causes[index];
         let mut others = self.causes.clone();
         others.remove(index);
-        // the space is that of the model with this cause: change the score as if it were not in it
-        let mut nuisances = self.spaces.nuisances_beside(&others, &self.causes);
-        for (direction, c) in own.directions.iter().zip(&own.coefficients) {
-            nuisances.shapes.move_score(direction, *c);
-            nuisances.covariates.move_score(direction, *c);
-        }
+        // the spaces are those of the model with this cause
+        let mut nuisances = self.spaces.nuisances(&others);
+        take_out(&mut nuisances.shapes, own, 1.0);
+        take_out(&mut nuisances.covariates, own, 1.0);
         let mut model = self.model.clone();
         if matches!(own.id.row().acts, Acts::PreviousRing) {
             model.added.tail_gain = 0.0;
         }
-        ScoreTests::new(&model, setting, &nuisances).score_one(own.id, Some(own))
+        ScoreTests::new(&model, setting, &nuisances)
+            .score_one(Asked { id: own.id, near: Some(own) })
     }
 
     /// -2 ln likelihood, up to a constant, that one more linear step of the mean and the causes would reach,
@@ -113,33 +105,20 @@ impl Refit {
     }
 }
 
-/// The drive on every parameter, beside causes that act through the amplitude: these move every parameter
-/// with the drive, and not quite as their model says.
-fn amplitude(causes: &[Applied], samples: usize) -> Vec<Direction> {
-    let parameters = if causes.iter().any(|c| c.id.by_amplitude()) { 0..ALL } else { 0..0 };
-    parameters.map(|j| Direction::parameter(samples, DRIVE, j)).collect()
+/// Changes the score as if a cause were not in the model; with a sign of -1, as if it were.
+fn take_out(nuisance: &mut Nuisance, cause: &Applied, sign: f64) {
+    let each = cause.directions.iter().zip(&cause.coefficients);
+    each.for_each(|(direction, c)| nuisance.move_score(direction, sign * c));
 }
 
 /// Shifts the mean and all channels, to first order, to where they are most probable once the causes change
-/// from `old` to `new`. Of the shift that the data ask for anyway only the share `stride` is taken.
-pub fn follow(
-    model: &mut Model,
-    spaces: &Both<Space>,
-    old: &[Applied],
-    new: &[Applied],
-    stride: f64,
-) {
+/// from `old` to `new`.
+pub fn follow(model: &mut Model, spaces: &Both<Space>, old: &[Applied], new: &[Applied]) {
     let mut nuisance = Nuisance::new(&spaces.shapes, &[]);
-    let own = nuisance.step();
-    for (causes, sign) in [(old, 1.0), (new, -1.0)] {
-        for cause in causes {
-            for (direction, c) in cause.directions.iter().zip(&cause.coefficients) {
-                nuisance.move_score(direction, sign * c);
-            }
-        }
-    }
-    let all = nuisance.step();
-    model.shift(&std::array::from_fn(|j| all[j] - (1.0 - stride) * own[j]));
+    old.iter().for_each(|cause| take_out(&mut nuisance, cause, 1.0));
+    new.iter().for_each(|cause| take_out(&mut nuisance, cause, -1.0));
+    let step = nuisance.step();
+    model.shift(&std::array::from_fn(|j| step[j]));
 }
 
 /// `causes`: those that are in the model already (`apply`). `rounds`: fewest rounds. `scatter`: whether noise
@@ -160,51 +139,25 @@ pub fn refit(
         Refit { model, causes, spaces }
     };
     let mut best = settled_at(model, causes);
-    let mut stride = 1.0_f64;
     let most = if scatter { MOST_ROUNDS } else { ROUNDS_OF_RIVAL };
     for round in 2..=most {
-        let (model, causes) = stepped(&best, setting, stride);
+        let (model, causes) = stepped(&best, setting);
         let next = settled_at(model, causes);
         let gain = best.spaces.shapes.deviance - next.spaces.shapes.deviance;
         let rests = SETTLED.max(RESTS * best.spaces.shapes.deviance);
-        if gain > -SETTLED {
-            stride = (2.0 * stride).min(1.0);
-            best = next;
-        } else {
-            stride *= 0.5;
+        if gain <= -SETTLED {
+            break;
         }
-        if round >= rounds && gain.abs() < rests || stride < LEAST_STRIDE {
+        best = next;
+        if round >= rounds && gain.abs() < rests {
             break;
         }
     }
     best
 }
 
-/// A cause of which a signal gets (1 - stride) times what `old` adds plus `stride` times what `new` adds.
-fn part_way(old: &Applied, new: Applied, stride: f64) -> Applied {
-    let between = |old: f64, new: f64| old + stride * (new - old);
-    let mut way = new.clone();
-    (way.shape, way.damping) = (between(old.shape, new.shape), between(old.damping, new.damping));
-    for (i, direction) in way.directions.iter_mut().enumerate() {
-        let (from, to) = (old.coefficients[i], new.coefficients[i]);
-        let coefficient = between(from, to);
-        if stride == 1.0 || coefficient * to <= 0.0 {
-            // the whole way; or the sign changes, so that the division below would turn the direction around:
-            // take the new cause as it is
-            continue;
-        }
-        way.coefficients[i] = coefficient;
-        for (block, before) in direction.0.iter_mut().zip(&old.directions[i].0) {
-            for (new, old) in block.1.iter_mut().zip(&before.1) {
-                *new = between(from * old, to * *new) / coefficient;
-            }
-        }
-    }
-    way
-}
-
-/// Takes a share (`stride`) of a Gauss-Newton step of the causes and of the mean; not linearised anew yet.
-fn stepped(now: &Refit, setting: Setting, stride: f64) -> (Model, Vec<Applied>) {
+/// Takes a Gauss-Newton step of the causes and of the mean; not linearised anew yet.
+fn stepped(now: &Refit, setting: Setting) -> (Model, Vec<Applied>) {
     let Refit { model, causes, spaces } = now;
     let steps = spaces.nuisances(causes).covariates.step();
     let mut next = causes.clone();
@@ -216,12 +169,12 @@ fn stepped(now: &Refit, setting: Setting, stride: f64) -> (Model, Vec<Applied>) 
         at += q;
         // a shape may depend on its size, so it is searched anew
         match cause.id.is_shape().then(|| now.rescored(index, setting)).flatten() {
-            Some(anew) => *cause = part_way(cause, anew.form, stride),
-            None => cause.coefficients.iter_mut().zip(step).for_each(|(c, s)| *c += stride * s),
+            Some(anew) => *cause = anew.form,
+            None => cause.coefficients.iter_mut().zip(step).for_each(|(c, s)| *c += s),
         }
     }
     let mut model = model.clone();
-    follow(&mut model, spaces, causes, &next, stride);
+    follow(&mut model, spaces, causes, &next);
     for (old, new) in causes.iter().zip(&next) {
         apply(&mut model, old, -1.0, setting);
         apply(&mut model, new, 1.0, setting);

@@ -2,11 +2,11 @@
 //! there, the page loads nothing, and a critique without figures or without extension still is a page.
 
 use super::*;
+use crate::critique::candidate::WhyNot;
 use crate::critique::catalogue::CauseId::{self, *};
 use crate::critique::finding::{
     Compared, CovariateFigure, Curve, Figures, Misfit, Signals, VERSION,
 };
-use crate::critique::objection::WhyNot;
 use crate::critique::pictures::covariate;
 
 /// A curve with a band of one half-width all along.

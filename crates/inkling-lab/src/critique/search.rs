@@ -10,9 +10,8 @@
 //! within `tie` of the winner are tied with it; (5) the system refits the model with the winner and drops
 //! causes that have become superfluous.
 
-use super::candidate::{Candidate, Chosen};
+use super::candidate::{Candidate, Chosen, Objection, WhyNot};
 use super::finding::Evidence;
-use super::objection::{Objection, WhyNot};
 use super::tuned::TIE;
 use super::work::{Stage, Work};
 use std::ops::ControlFlow;

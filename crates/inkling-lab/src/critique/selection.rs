@@ -16,7 +16,6 @@ use super::leftovers::Finding;
 use super::model::Model;
 use super::refit::{Refit, apply, follow, refit};
 use super::search::{Contender, ExplainedModel, Round, System, search};
-use super::tuned::TIE;
 use super::work::{self, Stage, Work};
 use std::ops::ControlFlow;
 
@@ -84,26 +83,33 @@ impl System for Setting<'_> {
         scored
     }
 
-    /// A rival never enters the model; if it wins, the search ends. If the likeliest rival is clearly better
-    /// than the likeliest name, these two are compared once more, each together with the named candidate that
-    /// comes next beside it: where there are two causes, a rival may take a part of both.
+    /// Those that explain something after the refit, the likeliest first. A rival never enters the model; if it
+    /// wins, the search ends.
     fn round(&self, now: &Refit, tried: &[Scored], _: &[Chosen<Applied>]) -> Round<Refit, Applied> {
         let best = tried.iter().find(|s| s.has_name() && s.accepted());
         let Some(best) = best else { return Round { contenders: vec![], least: f64::INFINITY } };
-        let mut all = refitted(now, tried, best, *self);
-        let place = |named: bool| all.iter().position(|r| r.candidate.has_name() == named);
-        if let (Some(named), Some(unnamed)) = (place(true), place(false))
-            && all[named].penalised > all[unnamed].penalised + TIE
-        {
-            // other rivals were not compared in pairs
-            let behind = with_the_next(&all[unnamed], *self) - with_the_next(&all[named], *self);
-            all[unnamed].penalised = all[named].penalised + behind;
-            let strongest = all[unnamed].candidate.id;
-            all.retain(|r| r.candidate.has_name() || r.candidate.id == strongest);
-            all.sort_by(|p, q| p.penalised.total_cmp(&q.penalised));
-        }
-        let least = all.first().map_or(f64::INFINITY, |r| r.penalised);
-        Round { contenders: all, least }
+        let before = now.deviance(best.id);
+        let competing = |named: bool, most: usize| {
+            let those = tried.iter().filter(move |s| s.has_name() == named);
+            those.filter(|s| competes(s, best)).take(most)
+        };
+        let all = competing(true, MOST_NAMED).chain(competing(false, MOST_UNNAMED));
+        let refitted = |scored: &Scored| {
+            let contender = with(now, &scored.form, *self);
+            let deviance = contender.deviance(best.id);
+            // A candidate that has an objection once it is refitted is dropped. The price is that of Akaike, 2 for
+            // each free parameter, plus 2 ln of the number of independent shapes among which it was the best.
+            (contender.last_is_able(*self) && deviance < before).then(|| Contender {
+                model: contender,
+                penalised: deviance + 2.0 * (free_parameters(scored) + scored.tried.ln()),
+                may_enter: scored.has_name(),
+                candidate: Scored { statistic: before - deviance, ..scored.clone() },
+            })
+        };
+        let mut contenders: Vec<_> = all.filter_map(refitted).collect();
+        contenders.sort_by(|p, q| p.penalised.total_cmp(&q.penalised));
+        let least = contenders.first().map_or(f64::INFINITY, |likeliest| likeliest.penalised);
+        Round { contenders, least }
     }
 
     fn settled(&self, now: Refit, _: &mut Vec<Chosen<Applied>>) -> ControlFlow<Refit, Refit> {
@@ -111,54 +117,11 @@ impl System for Setting<'_> {
     }
 }
 
-/// Those that explain something after the refit, the likeliest first. `tried`: sorted by surprise; `best`:
-/// the most surprising accepted one that has a name.
-fn refitted(
-    now: &Refit,
-    tried: &[Scored],
-    best: &Scored,
-    setting: Setting,
-) -> Vec<Contender<Refit, Applied>> {
-    let before = now.deviance(best.id);
-    let competing = |named: bool, most: usize| {
-        let those = tried.iter().filter(move |s| s.has_name() == named);
-        those.filter(|s| competes(s, best)).take(most)
-    };
-    let all = competing(true, MOST_NAMED).chain(competing(false, MOST_UNNAMED));
-    let refitted = |scored: &Scored| {
-        let contender = with(now, &scored.form, setting);
-        let deviance = contender.deviance(best.id);
-        // A candidate that has an objection once it is refitted is dropped. The price is that of Akaike, 2
-        // for each free parameter, plus 2 ln of the number of independent shapes among which it was the best.
-        (contender.last_is_able(setting) && deviance < before).then(|| Contender {
-            model: contender,
-            penalised: deviance + 2.0 * (free_parameters(scored) + scored.tried.ln()),
-            may_enter: scored.has_name(),
-            candidate: Scored { statistic: before - deviance, ..scored.clone() },
-        })
-    };
-    let mut contenders: Vec<Contender<Refit, Applied>> = all.filter_map(refitted).collect();
-    contenders.sort_by(|p, q| p.penalised.total_cmp(&q.penalised));
-    contenders
-}
-
-/// Penalised -2 ln likelihood of a contender with the best named candidate beside it, if one improves it.
-fn with_the_next(contender: &Contender<Refit, Applied>, setting: Setting) -> f64 {
-    let mut tried = setting.tried(&contender.model);
-    tried.retain(Scored::has_name);
-    let next = tried.iter().find(|s| s.accepted() && competes(s, &contender.candidate)).cloned();
-    // the price of its own parameters
-    let paid = contender.penalised - contender.model.deviance(contender.candidate.id);
-    let beside = next.map(|next| refitted(&contender.model, &tried, &next, setting));
-    let least = beside.and_then(|all| Some(all.first()?.penalised + paid));
-    least.map_or(contender.penalised, |both| both.min(contender.penalised))
-}
-
 /// Refitted with scatter and noise held, after the mean is shifted by what the cause takes away (`follow`).
 fn with(now: &Refit, cause: &Applied, setting: Setting) -> Refit {
     let mut model = now.model.clone();
     let mut causes = now.causes.clone();
-    follow(&mut model, &now.spaces, &[], std::slice::from_ref(cause), 1.0);
+    follow(&mut model, &now.spaces, &[], std::slice::from_ref(cause));
     apply(&mut model, cause, 1.0, setting);
     causes.push(cause.clone());
     refit(model, causes, setting, 3, false)

@@ -11,7 +11,7 @@ use inkling_core::side_by_side::side_by_side;
 use std::ops::Range;
 
 /// Long rings whose frequency scatters by per cents need a dozen trial steps, since each is bounded.
-const STEPS: usize = 20;
+pub const STEPS: usize = 20;
 const DAMPING: Damping = Damping { first: 1e-4, down: 0.2, least: 1e-9, up: 20.0, most: 1e8 };
 
 impl Model {
@@ -19,7 +19,7 @@ impl Model {
     pub fn settle(&mut self, data: &Observations) {
         for _ in 0..2 {
             self.fit_units(data, STEPS);
-            self.fit_each(data, STEPS);
+            self.fit_each(data);
         }
     }
 
@@ -36,15 +36,28 @@ impl Model {
     }
 
     /// Moves each signal's own deviation (`each`) to its most probable value, under the prior N(0, `within`).
-    fn fit_each(&mut self, data: &Observations, steps: usize) {
+    fn fit_each(&mut self, data: &Observations) {
         if data.len() == data.units {
             return; // every channel was heard once, so its parameters are those of its signal
         }
-        let scale = self.scale();
-        let precision = inverse(&scaled(&self.within, &scale));
-        let (own, centre): (Own, Theta) = (|model, i| &mut model.each[i], Theta::zeros());
-        let descent = Descent { data, own, centre, scale, precision, most: [0.2, 0.02], steps };
-        self.each = self.by_halves(data.len(), |model, i| model.descend(i, i..i + 1, &descent));
+        let precision = inverse(&scaled(&self.within, &self.scale()));
+        let moved = |model: &mut Model, i| model.fit_one(i, data, Theta::zeros(), precision, STEPS);
+        self.each = self.by_halves(data.len(), moved);
+    }
+
+    /// The most probable deviation of signal i from its channel, under the prior of this mean and inverse covariance.
+    pub fn fit_one(
+        &mut self,
+        i: usize,
+        data: &Observations,
+        centre: Theta,
+        precision: Matrix5,
+        steps: usize,
+    ) -> Theta {
+        let (own, scale, most): (Own, _, _) =
+            (|model, i| &mut model.each[i], self.scale(), [0.2, 0.02]);
+        let descent = Descent { data, own, centre, scale, precision, most, steps };
+        self.descend(i, i..i + 1, &descent)
     }
 
     /// What `moved` makes of each of `count` channels or signals, in their order. Two threads do half of the
@@ -171,7 +184,9 @@ mod tests {
         let mut last = costs(&fitted);
         for steps in [1, 2, 3, 40] {
             let mut model = fitted.clone();
-            model.fit_each(&data, steps);
+            for i in 0..data.len() {
+                model.each[i] = model.fit_one(i, &data, Theta::zeros(), precision, steps);
+            }
             let now = costs(&model);
             assert!(now.iter().zip(&last).all(|(now, last)| now <= last), "{steps} steps");
             last = now;

@@ -88,18 +88,11 @@ impl Direction {
 
 /// Where directions have coefficients: the length of each block, by the index at which it begins. Blocks of
 /// two directions are the same or do not overlap.
-#[derive(Clone, Debug, Default)]
-pub struct Places(BTreeMap<usize, usize>);
+pub type Places = BTreeMap<usize, usize>;
 
-impl Places {
-    pub fn of<'a>(directions: impl IntoIterator<Item = &'a Direction>) -> Places {
-        let blocks = directions.into_iter().flat_map(|direction| &direction.0);
-        Places(blocks.map(|(at, v)| (*at, v.len())).collect())
-    }
-
-    pub fn and(&self, others: Places) -> Places {
-        Places(self.0.iter().map(|(at, length)| (*at, *length)).chain(others.0).collect())
-    }
+pub fn places<'a>(directions: impl IntoIterator<Item = &'a Direction>) -> Places {
+    let blocks = directions.into_iter().flat_map(|direction| &direction.0);
+    blocks.map(|(at, v)| (*at, v.len())).collect()
 }
 
 impl Space {
@@ -140,7 +133,7 @@ impl Space {
         let mut out = DVector::zeros(self.k.nrows());
         for (column, v) in &x.0 {
             let v = DVectorView::from_slice(v, v.len());
-            for (&row, &length) in &at.0 {
+            for (&row, &length) in at {
                 let block = self.k.view((row, *column), (length, v.len()));
                 let mut rows = out.rows_mut(row, length);
                 rows += block * v;
@@ -150,7 +143,7 @@ impl Space {
     }
 
     pub fn everywhere(&self) -> Places {
-        Places(BTreeMap::from([(0, self.k.nrows())]))
+        BTreeMap::from([(0, self.k.nrows())])
     }
 }
 

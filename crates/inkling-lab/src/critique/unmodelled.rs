@@ -17,11 +17,12 @@
 //! ```text
 //! V'   = q_r + q_n
 //! q_r' = -a s(V) - g q_r
-//! q_n' = -b s(V) - d q_n - drag |q_n| q_n - dry tanh(q_n / small) - b meniscus V_n + memory(t)
-//! V_n' = q_n,     s(V) the spring's force (V itself without a term); output q_r + q_n
+//! q_n' = -b s(V) - d q_n - drag |q_n| q_n - dry tanh(q_n / small) + memory(t)
+//! s(V): the spring's force (V itself without a term); output q_r + q_n
 //! ```
 
 use inkling_core::model::InkChannel;
+use nalgebra::{Vector3, matrix};
 use std::f64::consts::PI;
 
 /// Smallest number of Runge-Kutta steps per sample, and largest phase advance per step, rad.
@@ -39,8 +40,6 @@ pub enum Term {
     QuadraticDrag,
     /// -mu sign(q_n): Coulomb friction. Strength: the relative change of damping.
     DryFriction,
-    /// -V_n/(I_n B_m): surface tension of the meniscus. Strength: B_t/B_m.
-    Meniscus,
     /// A half-order derivative of the flow (oscillating boundary layer) in place of a share of the
     /// nozzle's viscous loss. Strength: that share.
     FractionalDamping,
@@ -82,8 +81,6 @@ struct Strengths {
     /// The flow above which dry friction has nearly its full force: a jump would spoil the
     /// integration.
     small: f64,
-    /// B_t/B_m.
-    meniscus: f64,
     /// Force of the half-order loss, one value per sample.
     memory: Option<Vec<f64>>,
 }
@@ -157,12 +154,12 @@ impl Interior {
 
         // the state (V, q_r, q_n) from y = q_r + q_n, y' = -(a+b) V - g q_r - d q_n, and y'' +
         // (a+b) y = (g a + d b) V + g² q_r + d² q_n
-        let m = nalgebra::matrix![
+        let m = matrix![
             0.0, 1.0, 1.0;
             -sum, -g, -d;
             g * a_rate + d * b_rate, g * g, d * d
         ];
-        let x = m.lu().solve(&nalgebra::Vector3::new(y, dy, ddy + sum * y))?;
+        let x = m.lu().solve(&Vector3::new(y, dy, ddy + sum * y))?;
         let channel = InkChannel::of([a_rate, b_rate, g, d]);
         let is_channel = a_rate > 0.0 && b_rate > 0.0 && x.iter().all(|v| v.is_finite());
         is_channel.then(|| Interior { decay: *decay, channel, state: x.into() })
@@ -193,20 +190,24 @@ impl Interior {
     pub fn decay(&self, term: Option<(Term, f64)>, drive: f64, samples: usize) -> Vec<f64> {
         let strengths = self.strengths(term, drive, samples);
         let path = self.path(&strengths, drive, samples);
-        path.into_iter().map(|[_, q_r, q_n, _]| q_r + q_n).collect()
+        path.into_iter().map(|x| x[1] + x[2]).collect()
     }
 
-    /// The state (V, q_r, q_n, V_n) at each sample; V_n, on which only the meniscus acts, counts from t_a.
-    fn path(&self, strengths: &Strengths, drive: f64, samples: usize) -> Vec<[f64; 4]> {
+    /// The state (V, q_r, q_n) at each sample, by Runge-Kutta of fourth order.
+    fn path(&self, strengths: &Strengths, drive: f64, samples: usize) -> Vec<Vector3<f64>> {
         let steps = STEPS.max((self.decay.omega / samples as f64 / RADIANS).ceil() as usize);
         let h = 1.0 / (samples * steps) as f64;
-        let [v, q_r, q_n] = self.state.map(|x| x * drive);
-        let mut x = [v, q_r, q_n, 0.0];
+        let slope = |x: Vector3<f64>, t: f64| self.slope(strengths, x, t);
+        let mut x = Vector3::from(self.state) * drive;
         let each = (0..samples).map(|sample| {
             let now = x;
             for step in 0..steps {
                 let t = (sample * steps + step) as f64 * h;
-                x = runge_kutta(x, t, h, |x, t| self.slope(strengths, x, t));
+                let k1 = slope(x, t);
+                let k2 = slope(x + k1 * (h / 2.0), t + h / 2.0);
+                let k3 = slope(x + k2 * (h / 2.0), t + h / 2.0);
+                let k4 = slope(x + k3 * h, t + h);
+                x += (k1 + k2 * 2.0 + k3 * 2.0 + k4) * (h / 6.0);
             }
             now
         });
@@ -226,7 +227,6 @@ impl Interior {
             }
             // mu sign(q) acts over a period as 4 mu/(pi A) q
             Some((Term::DryFriction, e)) => of.dry = e * sigma * PI * damped / (4.0 * slope),
-            Some((Term::Meniscus, e)) => of.meniscus = e,
             Some((Term::EvenStiffness, e)) => of.even = e / stiff,
             Some((Term::Stop { at }, e)) => (of.stop, of.at) = (e, at * stiff),
             Some((Term::Gap, e)) => of.gap = e * stiff,
@@ -239,14 +239,12 @@ impl Interior {
         of
     }
 
-    /// The right-hand side of the equation of motion: x' at x = (V, q_r, q_n, V_n).
-    fn slope(&self, of: &Strengths, [v, q_r, q_n, v_n]: [f64; 4], t: f64) -> [f64; 4] {
-        let Strengths { drag, dry, meniscus, small, .. } = *of;
+    /// The right-hand side of the equation of motion: x' at x = (V, q_r, q_n).
+    fn slope(&self, of: &Strengths, x: Vector3<f64>, t: f64) -> Vector3<f64> {
+        let (q_r, q_n, pressure) = (x[1], x[2], of.spring(x[0]));
         let [a, b, g, d] = self.channel.rates();
-        let pressure = of.spring(v);
-        let extra =
-            -drag * q_n.abs() * q_n - dry * (q_n / small).tanh() - b * meniscus * v_n + of.force(t);
-        [q_r + q_n, -a * pressure - g * q_r, -b * pressure - d * q_n + extra, q_n]
+        let extra = -of.drag * q_n.abs() * q_n - of.dry * (q_n / of.small).tanh() + of.force(t);
+        Vector3::new(q_r + q_n, -a * pressure - g * q_r, -b * pressure - d * q_n + extra)
     }
 
     /// Force of a half-order loss that replaces a share `e` of the viscous one: -e d (omega^-1/2
@@ -261,25 +259,12 @@ impl Interior {
         let scale = 2.0 / PI.sqrt() / h.sqrt();
         let weight: Vec<f64> =
             (0..samples).map(|j| ((j + 1) as f64).sqrt() - (j as f64).sqrt()).collect();
-        (0..samples)
-            .map(|k| {
-                let half: f64 =
-                    (0..k).map(|j| weight[j] * (flow[k - j] - flow[k - j - 1])).sum::<f64>()
-                        * scale;
-                -e * loss * (half / self.decay.omega.sqrt() - flow[k])
-            })
-            .collect()
+        let force = |k: usize| {
+            let sum: f64 = (0..k).map(|j| weight[j] * (flow[k - j] - flow[k - j - 1])).sum();
+            -e * loss * (scale * sum / self.decay.omega.sqrt() - flow[k])
+        };
+        (0..samples).map(force).collect()
     }
-}
-
-/// One Runge-Kutta step of fourth order and length `h`, from x at t.
-fn runge_kutta(x: [f64; 4], t: f64, h: f64, slope: impl Fn([f64; 4], f64) -> [f64; 4]) -> [f64; 4] {
-    let plus = |k: &[f64; 4], h: f64| std::array::from_fn(|i| x[i] + h * k[i]);
-    let k1 = slope(x, t);
-    let k2 = slope(plus(&k1, h / 2.0), t + h / 2.0);
-    let k3 = slope(plus(&k2, h / 2.0), t + h / 2.0);
-    let k4 = slope(plus(&k3, h), t + h);
-    std::array::from_fn(|i| x[i] + h / 6.0 * (k1[i] + 2.0 * k2[i] + 2.0 * k3[i] + k4[i]))
 }
 
 #[cfg(test)]

@@ -14,15 +14,14 @@
 //! * growing noise, a line of random phase, the trigger's jitter: added to the extended model one after the
 //!   other, each with its size fitted to the training part.
 
-use super::artefacts::{Artefacts, accepted};
 use super::candidates::{Applied, Setting};
 use super::catalogue::CauseId;
-use super::chance::{interval, maximum, resampled};
+use super::chance::maximum;
 use super::finding::{LogLikelihood, Worth};
-use super::held_out::{TrainTestSplit, baseline, by_channel, with};
+use super::held_out::{Population, TrainTestSplit, baseline, by_channel, population, with};
+use super::leftovers::{Artefacts, accepted};
 use super::model::{Codes, Model, Rail};
 use super::observations::{Observations, Row};
-use super::population::{Population, population};
 use super::predictive::{Growth, Noise, Signal, ln_densities_with_jitter, signals};
 use inkling_core::model::normal::ln_upper_tail;
 use std::f64::consts::TAU;
@@ -272,16 +271,12 @@ impl Signal {
     }
 }
 
-/// Mean gain per signal, and its 95 % interval by drawing channels anew, over gains that are finite.
+/// Of gains that are finite.
 fn worth(gains: &[f64], of: &[Signal]) -> Worth {
     let known = gains.iter().zip(of).filter(|(gain, _)| gain.is_finite());
     let (gains, units): (Vec<f64>, Vec<usize>) =
         known.map(|(gain, signal)| (*gain, signal.unit)).unzip();
-    let mean = |chosen: &[usize]| {
-        chosen.iter().map(|i| gains[*i]).sum::<f64>() / chosen.len().max(1) as f64
-    };
-    let (gain, mut drawn) = resampled(&by_channel(units.into_iter()), 2, mean);
-    Worth { gain, ci95: interval(&mut drawn).unwrap_or([f64::NAN; 2]) }
+    Worth::of(&gains, &by_channel(units.into_iter()))
 }
 
 #[cfg(test)]

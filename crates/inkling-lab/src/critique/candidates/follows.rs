@@ -7,18 +7,17 @@
 //!
 //! A cause moves a signal's parameters theta = (ln sigma, ln omega, a, b, c, ln lambda/sigma) by z
 //! v, where z is the standardised covariate of the signal and v says how far each parameter moves.
-//! The test is that of the direction v in the space where channels are scattered. What is special
-//! here:
+//! The test is that of the direction v in the space where channels are scattered. What is special here:
 //!
 //! - the state at t_a may follow the covariate as well, in an unknown way, so the amplitudes are left
 //!   free in addition (`on_rates`);
 //! - channels are few, so a trend along them is judged by Student's t (`against_rest`).
 
 use super::{ScoreTests, Scored};
-use crate::critique::catalogue::{CauseId, Per};
+use crate::critique::candidate::Objection;
+use crate::critique::catalogue::CauseId;
 use crate::critique::chance::{HINT, ONCE_IN_100, surprise};
 use crate::critique::covariates::{COVARIATES, Covariates, POSITION};
-use crate::critique::objection::Objection;
 use crate::critique::space::Direction;
 use inkling_core::model::free_decay::{ALL, Theta};
 use inkling_core::model::student::student_quantile;
@@ -38,25 +37,6 @@ pub struct ParameterTest {
 }
 
 impl ScoreTests<'_> {
-    /// Tests a covariate that moves damping, frequency or all rates. The value is the relative
-    /// change per unit of the covariate, or from its smallest to its largest value, as `per` says.
-    pub(super) fn rates(
-        &self,
-        id: CauseId,
-        covariate: usize,
-        moves: Theta,
-        per: Per,
-    ) -> Option<Scored> {
-        let Covariates { sd, span, .. } = &self.data.beside;
-        match per {
-            Per::Unit => self.on_rates(id, covariate, moves, 1.0 / sd[covariate]),
-            Per::Span => {
-                let span = span[covariate] / sd[covariate];
-                self.on_rates(id, covariate, moves, span).map(relative)
-            }
-        }
-    }
-
     /// Tests a ring that comes beside the own one, per unit of the covariate: along it and a quarter of a
     /// period behind, so at any phase. The value is its share of the own ring.
     pub(super) fn added_ring(&self, id: CauseId, covariate: usize) -> Option<Scored> {
@@ -75,7 +55,8 @@ impl ScoreTests<'_> {
         let slope = DVector::from(vec![outward.re, -outward.im]);
         let sd = slope.dot(&(&tested.covariance * &slope)).sqrt();
         let surprise = surprise(tested.statistic, both.len(), 1.0, self.dof(false));
-        let scored = self.shaped(id, tested, both, share.arg(), 1.0);
+        let mut scored = Scored::of(id, tested, both, 1.0);
+        scored.form.shape = share.arg();
         Some(Scored { value: share.norm(), sd, surprise, ..scored })
     }
 
@@ -88,13 +69,22 @@ impl ScoreTests<'_> {
         Some(Scored { value, surprise, ..scored })
     }
 
+    /// Tests a covariate that moves damping, frequency or all rates. The value is the relative change per `unit` of
+    /// the standardised covariate.
+    ///
     /// The acquisition state may follow the covariate, too, as far as what came before t_a lets it. So the
     /// candidate is tested with the amplitudes of the decay unmoved, and with the amplitudes free. The more
     /// significant way counts, with its own degrees of freedom and at the price of two tries. The size is always
     /// estimated with the amplitudes free, and must be 2.576 standard errors from 0. `unit` turns the coefficient,
     /// which is per standard deviation of the covariate, into the catalogue's unit. `None`: the covariate was not
     /// recorded or does not vary, or the nuisance holds the direction already.
-    fn on_rates(&self, id: CauseId, which: usize, moves: Theta, unit: f64) -> Option<Scored> {
+    pub(super) fn on_rates(
+        &self,
+        id: CauseId,
+        which: usize,
+        moves: Theta,
+        unit: f64,
+    ) -> Option<Scored> {
         if !self.data.beside.present[which] {
             return None;
         }
@@ -105,7 +95,7 @@ impl ScoreTests<'_> {
         let dof = self.dof(which == POSITION);
         let (value, sd) = (tested.coefficients[0] * unit, tested.covariance[(0, 0)].sqrt() * unit);
         let surprised = surprise(statistic, 1, WAYS, dof);
-        let tested = self.shaped(id, tested, alone, 0.0, WAYS);
+        let tested = Scored::of(id, tested, alone, WAYS);
         let mut best = Scored { value, sd, statistic, surprise: surprised, ..tested };
 
         let amplitude = self.model.amplitude();
@@ -221,10 +211,4 @@ impl ScoreTests<'_> {
         };
         each.iter().enumerate().filter_map(look).collect()
     }
-}
-
-/// Turns a change of a logarithm, from first to last, into a relative change.
-fn relative(scored: Scored) -> Scored {
-    let grown = scored.value.exp();
-    Scored { value: grown - 1.0, sd: scored.sd * grown, ..scored }
 }

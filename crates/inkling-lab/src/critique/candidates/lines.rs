@@ -8,10 +8,9 @@
 //! steps of a quarter of a period per signal length; the best pair is refined (`line`). The meniscus has one
 //! parameter instead, the compliance ratio m, from which omega and gamma follow (`slow_mode`).
 
-use super::{Applied, ScoreTests, Scored};
-use crate::critique::catalogue::CauseId;
+use super::{Asked, ScoreTests, Scored};
+use crate::critique::candidate::Objection;
 use crate::critique::chance::{maximum, width};
-use crate::critique::objection::Objection;
 use crate::critique::space::Direction;
 use crate::critique::tuned::{LEAST_MODE, MENISCUS, OTHER_LOSS, SHOWS_ITS_LOSS, SPLIT, TIE};
 use crate::critique::unmodelled::Interior;
@@ -43,13 +42,8 @@ fn is_slow(omega: f64) -> bool {
 impl ScoreTests<'_> {
     /// The value is the frequency in Hz. `pattern`: power of the drive; `dampings`: those that are scanned (a
     /// single 0: the line stays undamped). With `near`, that form is refined without a scan or an objection.
-    pub(super) fn line(
-        &self,
-        id: CauseId,
-        pattern: usize,
-        dampings: &[f64],
-        near: Option<&Applied>,
-    ) -> Option<Scored> {
+    pub(super) fn line(&self, asked: Asked, pattern: usize, dampings: &[f64]) -> Option<Scored> {
+        let Asked { id, near } = asked;
         let test = |omega: f64, gamma: f64| self.line_statistic(pattern, omega, gamma);
         let scan = match near {
             Some(near) => Scan { omega: near.shape, gamma: near.damping, own: 0.0 },
@@ -71,10 +65,10 @@ impl ScoreTests<'_> {
         let directions = self.waves(pattern, omega, gamma);
         let tested = self.nuisances.shapes.test(&directions)?;
         // the dampings are hardly independent tries, so only frequencies are counted
-        let mut scored = self.shaped(id, tested, directions, omega, self.samples as f64);
+        let mut scored = Scored::of(id, tested, directions, self.samples as f64);
+        (scored.form.shape, scored.form.damping) = (omega, gamma);
         scored.value = self.hz(omega);
         scored.sd = self.hz(width(|x| test(x, gamma), omega, 0.02));
-        scored.form.damping = gamma;
         // the line that fits best may be too slow, or the ring's own, or what is one of these fits clearly better
         let is_own = || self.is_own(pattern, omega, gamma) || own > scored.statistic + TIE;
         scored.objection = match near {
@@ -134,7 +128,7 @@ impl ScoreTests<'_> {
     /// 0, and this pair scales with the drive. How much of it is excited depends on what came before t_a, so
     /// its cosine and sine are both free. The value is m; the standard error of ln m includes that of the
     /// held ratio of rates. If the slow mode is strong, the factor `loss` on its damping is searched as well.
-    pub(super) fn slow_mode(&self, id: CauseId, near: Option<&Applied>) -> Option<Scored> {
+    pub(super) fn slow_mode(&self, Asked { id, near }: Asked) -> Option<Scored> {
         let Interior { channel, .. } = self.interior?;
         let n = self.samples;
         // `loss`: damping of the pair over the one that m predicts, while gamma² + w² stays the same

@@ -20,13 +20,13 @@ mod shapes;
 pub use follows::ParameterTest;
 pub use lines::LEAST_PERIODS;
 
-use super::candidate::Candidate;
-use super::catalogue::{Acts, CATALOGUE, CauseId, Entry, Needs, RIVALS, Shape};
+use super::candidate::{Candidate, Objection};
+use super::catalogue::{Acts, CATALOGUE, CauseId, Entry, Needs, Per, RIVALS, Shape};
 use super::chance::{HINT, surprise};
 use super::clusters::Clusters;
+use super::covariates::Covariates;
 use super::model::{Model, RATIO_OF_RATES};
 use super::nuisance::{Both, Nuisance, Tested};
-use super::objection::Objection;
 use super::observations::Observations;
 use super::space::Direction;
 use crate::critique::unmodelled::{Interior, ObservedDecay};
@@ -53,6 +53,37 @@ impl Applied {
 }
 
 pub type Scored = Candidate<Applied>;
+
+/// Which cause is asked for, and the form that it has in the model, near which its shape is searched; without one
+/// all shapes are.
+#[derive(Clone, Copy)]
+pub struct Asked<'a> {
+    pub id: CauseId,
+    pub near: Option<&'a Applied>,
+}
+
+impl Asked<'_> {
+    pub fn anew(id: CauseId) -> Asked<'static> {
+        Asked { id, near: None }
+    }
+}
+
+impl Scored {
+    /// A tested shape, the best of `tried` independent ones, as a candidate without a value or a shape parameter.
+    fn of(id: CauseId, tested: Tested, directions: Vec<Direction>, tried: f64) -> Scored {
+        let degrees = directions.len();
+        Scored {
+            surprise: surprise(tested.statistic, degrees, tried, f64::INFINITY),
+            degrees,
+            tried,
+            ..Scored::plain(
+                id,
+                tested.statistic,
+                Applied::rigid(id, directions, tested.coefficients),
+            )
+        }
+    }
+}
 
 /// The signals that causes are looked for in.
 #[derive(Clone, Copy)]
@@ -100,7 +131,7 @@ impl<'a> ScoreTests<'a> {
     pub fn score_all(&self) -> Vec<Scored> {
         let lacks = |e: &Entry| e.needs.lacking(self.data).is_some();
         let scored = |e: &Entry| {
-            let mut scored = self.score_one(e.id, None)?;
+            let mut scored = self.score_one(Asked::anew(e.id))?;
             if lacks(e) {
                 scored.objection = Some(Objection::NoDriveScan);
             }
@@ -111,18 +142,17 @@ impl<'a> ScoreTests<'a> {
         testable.filter_map(scored).collect()
     }
 
-    /// `near`: the form that the cause has in the model, near which its shape is searched; without it all
-    /// shapes are searched. Gives `None` if the cause cannot be tested here.
-    pub fn score_one(&self, id: CauseId, near: Option<&Applied>) -> Option<Scored> {
-        let mut scored = self.as_if_independent(id, near)?;
+    /// `None`: the cause cannot be tested here.
+    pub fn score_one(&self, asked: Asked) -> Option<Scored> {
+        let mut scored = self.as_if_independent(asked)?;
         if scored.surprise < HINT {
             return Some(scored);
         }
 
         // what the nuisance cannot stand in for, with its size, as one direction
         let Applied { directions, coefficients, .. } = &scored.form;
-        let direction = self.nuisances.of(id).efficient(directions, coefficients);
-        let spread = self.clusters().spread(&direction, near.is_some());
+        let direction = self.nuisances.of(asked.id).efficient(directions, coefficients);
+        let spread = self.clusters().spread(&direction, asked.near.is_some());
         scored.statistic *= spread.statistic;
         scored.sd /= spread.information.sqrt();
         let Scored { statistic, degrees, tried, .. } = scored;
@@ -134,35 +164,38 @@ impl<'a> ScoreTests<'a> {
         Clusters { model: self.model, data: self.data }
     }
 
-    fn as_if_independent(&self, id: CauseId, near: Option<&Applied>) -> Option<Scored> {
-        match id.row().acts {
-            Acts::Mean(shape) => self.on_the_mean(id, shape, near),
-            Acts::Rates { covariate, moves, per } => self.rates(id, covariate, moves, per),
-            Acts::Ring { covariate } => self.added_ring(id, covariate),
-            Acts::PreviousRing => self.previous_ring(id),
+    fn as_if_independent(&self, asked: Asked) -> Option<Scored> {
+        let Covariates { sd, span, .. } = &self.data.beside;
+        match asked.id.row().acts {
+            Acts::Mean(shape) => self.on_the_mean(asked, shape),
+            Acts::Rates { covariate, moves, per: Per::Unit } => {
+                self.on_rates(asked.id, covariate, moves, 1.0 / sd[covariate])
+            }
+            Acts::Rates { covariate, moves, per: Per::Span } => {
+                let span = span[covariate] / sd[covariate];
+                self.on_rates(asked.id, covariate, moves, span).map(relative)
+            }
+            Acts::Ring { covariate } => self.added_ring(asked.id, covariate),
+            Acts::PreviousRing => self.previous_ring(asked.id),
             Acts::Noise | Acts::Trigger | Acts::Codes => None,
         }
     }
 
-    fn on_the_mean(&self, id: CauseId, shape: Shape, near: Option<&Applied>) -> Option<Scored> {
+    fn on_the_mean(&self, asked: Asked, shape: Shape) -> Option<Scored> {
         match shape {
-            Shape::Constant => self.fixed(id, Direction::shape(0, vec![1.0; self.samples])),
-            Shape::Droop => self.droop(id, near),
-            Shape::SlowMode => self.slow_mode(id, near),
-            Shape::Transient => self.transient(id, near),
-            Shape::Tone => self.line(id, 0, &[0.0], near),
+            Shape::Constant => self.fixed(asked.id, Direction::shape(0, vec![1.0; self.samples])),
+            Shape::Droop => self.droop(asked),
+            Shape::SlowMode => self.slow_mode(asked),
+            Shape::Transient => self.transient(asked),
+            Shape::Tone => self.line(asked, 0, &[0.0]),
             Shape::Mode => {
                 let sigma = self.decay.sigma;
-                self.line(id, 1, &[0.4 * sigma, sigma, 2.0 * sigma], near)
+                self.line(asked, 1, &[0.4 * sigma, sigma, 2.0 * sigma])
             }
-            Shape::Motion(motion) => {
-                self.best_of(id, near, |place| self.motion(id, motion, place, near))
-            }
-            Shape::Bent(power) => {
-                self.best_of(id, near, |second| self.bent(id, power, second, near))
-            }
-            Shape::Sways => self.sways(id, near),
-            Shape::Own => self.own_shape(id, near),
+            Shape::Motion(motion) => self.best_of(asked, |place| self.motion(asked, motion, place)),
+            Shape::Bent(power) => self.best_of(asked, |second| self.bent(asked, power, second)),
+            Shape::Sways => self.sways(asked),
+            Shape::Own => self.own_shape(asked),
         }
     }
 
@@ -179,26 +212,12 @@ impl<'a> ScoreTests<'a> {
         if !value.is_finite() || !tested.statistic.is_finite() {
             return None;
         }
-        Some(Scored { value, sd, ..self.shaped(id, tested, directions, 0.0, 1.0) })
+        Some(Scored { value, sd, ..Scored::of(id, tested, directions, 1.0) })
     }
+}
 
-    /// A tested shape, the best of `tried` independent ones, as a candidate without a value;
-    /// `shape`: its shape parameter.
-    fn shaped(
-        &self,
-        id: CauseId,
-        tested: Tested,
-        directions: Vec<Direction>,
-        shape: f64,
-        tried: f64,
-    ) -> Scored {
-        let degrees = directions.len();
-        let rigid = Applied::rigid(id, directions, tested.coefficients);
-        Scored {
-            surprise: surprise(tested.statistic, degrees, tried, f64::INFINITY),
-            degrees,
-            tried,
-            ..Scored::plain(id, tested.statistic, Applied { shape, ..rigid })
-        }
-    }
+/// Turns a change of a logarithm, from first to last, into a relative change.
+fn relative(scored: Scored) -> Scored {
+    let grown = scored.value.exp();
+    Scored { value: grown - 1.0, sd: scored.sd * grown, ..scored }
 }

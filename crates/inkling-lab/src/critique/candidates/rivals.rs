@@ -8,7 +8,7 @@
 //! In: a [`ScoreTests`]. Out: [`Scored`]. Time is in signal lengths, frequencies in rad per signal length.
 //! `searched`, the search for the parameter of a family, also serves `shapes` and `lines`.
 
-use super::{Applied, LEAST_PERIODS, ScoreTests, Scored};
+use super::{Asked, LEAST_PERIODS, ScoreTests, Scored};
 use crate::critique::catalogue::{CauseId, RIVALS};
 use crate::critique::chance::{maximum, width};
 use crate::critique::space::Direction;
@@ -40,7 +40,7 @@ fn settling(t: f64, rate: f64) -> f64 {
 impl ScoreTests<'_> {
     pub fn likest_rival(&self) -> Option<Scored> {
         let bent = RIVALS.iter().filter(|rival| rival.id != CauseId::OwnShape);
-        let all = bent.filter_map(|rival| self.score_one(rival.id, None));
+        let all = bent.filter_map(|rival| self.score_one(Asked::anew(rival.id)));
         all.max_by(|p, q| p.surprise.total_cmp(&q.surprise))
     }
 
@@ -58,8 +58,7 @@ impl ScoreTests<'_> {
     /// `seconds` of the catalogue, which are paid for as tries, or with `near` at the value that it had.
     pub(super) fn best_of(
         &self,
-        id: CauseId,
-        near: Option<&Applied>,
+        Asked { id, near }: Asked,
         score: impl Fn(f64) -> Option<Scored>,
     ) -> Option<Scored> {
         let seconds = id.row().seconds;
@@ -79,13 +78,7 @@ impl ScoreTests<'_> {
     /// `power`: as of `by_drive`; `second`: lag of the gain in signal lengths, or how often a frequency
     /// settles within one. The value is the strength e, the relative change at the first amplitude at unit
     /// drive (`whole`), or per signal length for rates.
-    pub(super) fn bent(
-        &self,
-        id: CauseId,
-        power: i32,
-        second: f64,
-        near: Option<&Applied>,
-    ) -> Option<Scored> {
+    pub(super) fn bent(&self, asked: Asked, power: i32, second: f64) -> Option<Scored> {
         let ring = self.parts();
         let (n, whole) = (self.samples as f64, ring.pair[0].norm());
         let level = lagging(ring.pair.iter().map(|pair| pair.norm()), second * n);
@@ -94,7 +87,7 @@ impl ScoreTests<'_> {
             let of = |k: usize| {
                 let t = k as f64 / n;
                 let (pair, y) = (s * ring.pair[k].re, s * (ring.pair[k].re + ring.slow[k]));
-                let changed = match id {
+                let changed = match asked.id {
                     // sigma becomes sigma (1 + e t), omega becomes omega (1 + e t) or settles
                     CauseId::LossFollowsTime => {
                         pair * (-0.5 * e * self.decay.sigma * t * t).exp_m1()
@@ -118,12 +111,12 @@ impl ScoreTests<'_> {
             (0..self.samples).map(of).collect()
         };
         let shape = |e: f64| self.by_drive(power, |_, s| added(e, s));
-        self.grown(id, STRENGTHS, shape, |e| e, near)
+        self.grown(asked, STRENGTHS, shape, |e| e)
     }
 
     /// Tests a gain, or a time base, that sways with some frequency, of the same phase in all signals. The
     /// value is that frequency in Hz; its standard error is left in rad per signal length.
-    pub(super) fn sways(&self, id: CauseId, near: Option<&Applied>) -> Option<Scored> {
+    pub(super) fn sways(&self, Asked { id, near }: Asked) -> Option<Scored> {
         let ring = self.parts();
         let n = self.samples as f64;
         let added = |k: usize| match id == CauseId::GainSways {
@@ -170,6 +163,8 @@ impl ScoreTests<'_> {
         let directions = shapes(at);
         let tested = self.nuisances.shapes.test(&directions)?;
         let sd = width(statistic, at, 0.02);
-        Some(Scored { value: at, sd, ..self.shaped(id, tested, directions, at, tried) })
+        let mut scored = Scored { value: at, sd, ..Scored::of(id, tested, directions, tried) };
+        scored.form.shape = at;
+        Some(scored)
     }
 }

@@ -7,11 +7,11 @@
 //! the drive is decomposed into powers of the drive (`by_drive`), because the space of extensions has one
 //! shape for each power. Time is in signal lengths; drives are relative to the mean drive of the recording.
 
-use super::{Applied, ScoreTests, Scored};
-use crate::critique::catalogue::{CauseId, Motion};
+use super::{Asked, ScoreTests, Scored};
+use crate::critique::candidate::Objection;
+use crate::critique::catalogue::Motion;
 use crate::critique::chance::{maximum, surprise, width};
 use crate::critique::model::PATTERNS;
-use crate::critique::objection::Objection;
 use crate::critique::space::Direction;
 use crate::critique::tuned::{ETA_FLOOR, INTERIOR};
 use crate::critique::unmodelled::Term;
@@ -53,11 +53,10 @@ impl ScoreTests<'_> {
     /// strengths about it are tried instead of the grid.
     pub(super) fn grown(
         &self,
-        id: CauseId,
+        Asked { id, near }: Asked,
         [first, most]: [f64; 2],
         shape: impl Fn(f64) -> Option<Direction>,
         value: impl Fn(f64) -> f64,
-        near: Option<&Applied>,
     ) -> Option<Scored> {
         // t.coefficients[0] is s/i and t.statistic s²/i, so this is 2 e s - e² i
         let gain = |e: f64| -> f64 {
@@ -113,13 +112,8 @@ impl ScoreTests<'_> {
 
     /// A strength is the relative change of frequency or damping that the term causes at unit drive, or what
     /// [`Term`] says of it. `place`: the displacement at which a stop begins, in amplitudes at unit drive.
-    pub(super) fn motion(
-        &self,
-        id: CauseId,
-        Motion { term, power, strengths }: Motion,
-        place: f64,
-        near: Option<&Applied>,
-    ) -> Option<Scored> {
+    pub(super) fn motion(&self, asked: Asked, motion: Motion, place: f64) -> Option<Scored> {
+        let (Motion { term, power, strengths }, id) = (motion, asked.id);
         let term = if let Term::Stop { .. } = term { Term::Stop { at: place } } else { term };
         // the secant at the strength e: the decay with the term less the decay without it, over e
         let inside = self.interior?;
@@ -134,7 +128,7 @@ impl ScoreTests<'_> {
         let drives = self.data.beside.drives();
         let value = |e: f64| value_of(term, e, drives);
 
-        let mut scored = self.grown(id, strengths, shape, value, near)?;
+        let mut scored = self.grown(asked, strengths, shape, value)?;
         // The scatter of the acquisition state alone may look like a half-order loss up to `eta_floor`. So
         // only the strength beyond that counts, and Student's t allows for that scatter being estimated.
         if term == Term::FractionalDamping && scored.value != 0.0 {
@@ -199,9 +193,9 @@ impl ScoreTests<'_> {
     /// strength is the rate of the leak per signal length, its value the same in 1/s. At the first rate 5 %
     /// leak off within a signal, so that the effect is nearly linear; at the largest all has leaked off long
     /// before the end (both somewhat arbitrary).
-    pub(super) fn droop(&self, id: CauseId, near: Option<&Applied>) -> Option<Scored> {
+    pub(super) fn droop(&self, asked: Asked) -> Option<Scored> {
         let shape = |w: f64| Some(Direction::shape(1, self.leaked(w)));
-        let mut scored = self.grown(id, [0.05, 12.0], shape, |w| w / self.data.length_s(), near)?;
+        let mut scored = self.grown(asked, [0.05, 12.0], shape, |w| w / self.data.length_s())?;
         if scored.form.coefficients[0] < 0.0 {
             scored.objection = Some(Objection::UnphysicalSign);
         }
@@ -236,7 +230,7 @@ impl ScoreTests<'_> {
     /// Tests the transient of a low-pass: an exponential that begins with the signal, scales with the drive
     /// and decays at a rate w (per signal length; the value is w in 1/s). w is searched from four times the
     /// ring's damping, and at least 6, up to where the transient falls by e² from one sample to the next.
-    pub(super) fn transient(&self, id: CauseId, near: Option<&Applied>) -> Option<Scored> {
+    pub(super) fn transient(&self, Asked { id, near }: Asked) -> Option<Scored> {
         let n = self.samples as f64;
         let shape = |w: f64| {
             let y: Vec<f64> = (0..self.samples).map(|k| (-w * k as f64 / n).exp()).collect();
@@ -260,7 +254,7 @@ impl ScoreTests<'_> {
     /// every second sample but the first and the last sixteenth. Each is tried with the powers 0 and 1 of the
     /// drive and paid for as if all were independent. The value is the shape's size in counts. `near`: the
     /// shape that it holds is tested again without a search.
-    pub fn own_shape(&self, id: CauseId, near: Option<&Applied>) -> Option<Scored> {
+    pub fn own_shape(&self, Asked { id, near }: Asked) -> Option<Scored> {
         if let Some(near) = near {
             return self.fixed(id, near.directions[0].clone());
         }

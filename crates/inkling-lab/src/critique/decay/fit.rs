@@ -39,18 +39,10 @@ impl<'a> Fit<'a> {
         self.terms.iter().filter(|term| term.is_line()).count()
     }
 
-    /// Which amplitudes of a series belong to each term.
-    fn columns_of_terms(&self) -> impl Iterator<Item = Range<usize>> {
-        self.placed().scan(0, |next, (term, at)| {
-            let first = *next;
-            *next += columns_of(term, at, &self.p);
-            Some(first..*next)
-        })
-    }
-
     /// How many numbers are fitted, amplitudes among them.
     pub fn parameters(&self) -> usize {
-        self.p.len() + self.free.iter().map(Vec::len).sum::<usize>()
+        let columns = self.offset() + 2 * self.waves().len();
+        self.p.len() + columns * self.decays.bursts * self.decays.outputs
     }
 
     pub fn degrees_of_freedom(&self) -> f64 {
@@ -84,32 +76,23 @@ impl<'a> Fit<'a> {
         Noise { colours: (0..outputs).map(colour).collect(), held_out: Vec::new() }
     }
 
-    /// With one more term, whose numbers are 0; not fitted anew.
+    /// With one more term, whose numbers are 0; not fitted anew, so that its amplitudes are none of this model.
     pub fn with(&self, term: Term) -> Fit<'a> {
         let mut fit = Fit { cost: f64::INFINITY, ..self.clone() };
         fit.terms.push(term);
-        let at = self.p.len();
-        fit.p.resize(at + term.numbers(), 0.0);
-        let columns = columns_of(term, at, &fit.p);
-        fit.free.iter_mut().for_each(|of| of.resize(of.len() + columns, 0.0));
+        fit.p.resize(self.p.len() + term.numbers(), 0.0);
         fit
     }
 
-    /// Without those of its terms for whose index `goes` is true; not fitted anew.
+    /// Without those of its terms for whose index `goes` is true; not fitted anew, like `with`.
     pub fn without(&self, goes: impl Fn(usize) -> bool) -> Fit<'a> {
         let p = self.p[..plain_numbers(self.decays)].to_vec();
-        let mut left = Fit { terms: Vec::new(), p, ..self.clone() };
-        left.free.iter_mut().for_each(Vec::clear);
-        let stays =
-            self.placed().zip(self.columns_of_terms()).enumerate().filter(|(i, _)| !goes(*i));
-        for (_, ((term, at), rows)) in stays {
+        let mut left = Fit { terms: Vec::new(), p, cost: f64::INFINITY, ..self.clone() };
+        for (_, (term, at)) in self.placed().enumerate().filter(|(i, _)| !goes(*i)) {
             left.terms.push(term);
             left.p.extend_from_slice(&self.p[at..at + term.numbers()]);
-            for (of, all) in left.free.iter_mut().zip(&self.free) {
-                of.extend_from_slice(&all[rows.clone()]);
-            }
         }
-        Fit { cost: f64::INFINITY, ..left }
+        left
     }
 
     /// The same model of the same decays from a later sample on, not fitted anew.
@@ -151,10 +134,9 @@ impl<'a> Fit<'a> {
 
     /// The rate of a zero that drifts, per sample, and which of a series' amplitudes is its own.
     pub fn drift(&self) -> Option<(f64, usize)> {
-        let mut placed = self.placed().zip(self.columns_of_terms());
-        placed
-            .find(|((term, _), _)| *term == Term::Drift)
-            .map(|((_, at), rows)| (self.p[at], rows.start))
+        let (_, at) = self.placed().find(|(term, _)| *term == Term::Drift)?;
+        let before = self.placed().take_while(|(term, _)| *term != Term::Drift);
+        Some((self.p[at], before.map(|(term, at)| columns_of(term, at, &self.p)).sum()))
     }
 
     /// Standard deviation of one decay's offset, for each output, beside all other free amplitudes.

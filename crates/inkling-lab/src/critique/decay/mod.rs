@@ -16,34 +16,28 @@ mod gain;
 mod lost;
 mod motion;
 mod noise;
-mod objections;
-mod onset;
 mod plant;
 mod selection;
 #[cfg(test)]
 mod slow_tests;
-mod stretches;
 mod structure;
 mod terms;
 #[cfg(test)]
 mod tests;
-mod unnamed;
 mod words;
-mod worth;
 
 use super::catalogue::InDecays;
 use super::chance::{THRESHOLD, surprise};
-use super::extended::NotExtended;
 use super::finding::{Cause, Critique, GainFigures, NotTestable, Signals, VERSION, Verdict};
 use super::observations::Observations;
-use super::outcome::{CritiqueError, Outcome};
+use super::outcome::{CritiqueError, NotExtended, Outcome};
 use super::tuned::MOSTLY;
-use super::verdict::Unexplained;
-use super::words::{not_worth, ties};
+use super::words::{Unexplained, not_worth, ties};
 use super::work;
 use crate::plot::digits;
 use children::misfit_power;
 use decays::Decays;
+use inkling_core::model::inner_product::dot;
 use inkling_core::model::spectrum;
 use inkling_core::numbers::FEW;
 use noise::{ROUNDED, sizes};
@@ -144,7 +138,7 @@ pub fn critique(data: &Observations) -> Result<Outcome, CritiqueError> {
     let mut strays = BTreeMap::new();
     for last in [false, false, true] {
         all.work.begins(work::ONSET);
-        let decays = all.from(onset::onset(&all));
+        let decays = all.from(lost::onset(&all));
         let selected = selection::select(&decays);
         let (misfit, known) = (selected.fit.misfit(), strays.len());
         for (i, far) in lost::strays(&selected.fit) {
@@ -185,10 +179,10 @@ fn judged(
     why_none: Option<String>,
 ) -> Result<Outcome, CritiqueError> {
     let decays = selected.fit.decays;
-    let sum = |y: &[f64]| y.iter().map(|v| v * v).sum::<f64>();
     // an offset may be the larger part of the signals, or a drift: the ring is judged by the movement that it explains
     let still = selected.fit.drift().map(|_| selected.fit.still().misfit());
-    let explained = 1.0 - sum(&selected.fit.misfit()) / sum(still.as_ref().unwrap_or(&decays.y));
+    let (misfit, moved) = (selected.fit.misfit(), still.as_ref().unwrap_or(&decays.y));
+    let explained = 1.0 - dot(&misfit, &misfit) / dot(moved, moved);
     // a sound of many partials follows from the samples before, though a single one explains little of it
     let sounds = || Fit::zero(decays).noise().predictable() > MOSTLY;
     if explained.is_nan() || !rings(selected, explained) && !sounds() {

@@ -1,7 +1,7 @@
 //! One oscillator's free motion, with what may be nonlinear in it.
 //!
 //! x'' = -2 sigma x' - omega^2 (x + k x^3, or sin) - drag |x'| x' - omega^2 stick sign(x'), and the
-//! rivals of `unnamed.rs`. Time counts in samples, x in the largest deviation of the first output
+//! rivals of `terms.rs`. Time counts in samples, x in the largest deviation of the first output
 //! from its mean.
 //!
 //! In: rates, strengths, and the state at the first sample. Out: x and x'/omega at every sample
@@ -13,7 +13,7 @@
 //! decay, to rounding. Dry friction changes its sign where x' passes zero: that instant is found,
 //! and the body stays at rest where the spring is weaker than the friction.
 
-use super::unnamed::{RATES, SENSORS, SPRINGS, Strengths};
+use super::terms::{RATES, SENSORS, SPRINGS, Strengths};
 use inkling_core::model::waves::swing;
 use nalgebra::{Matrix2, Vector2};
 
@@ -126,24 +126,12 @@ impl Motion {
     fn moved(&self, start: [f64; 2], samples: usize) -> Vec<[f64; 2]> {
         let mut out = Vec::with_capacity(samples);
         let mut y = Vector2::new(start[0], start[1] * self.omega);
-        let changes = self.unnamed.has(&RATES);
-        if self.is_linear() {
-            let mut turn = self.turn(1.0);
-            for k in 0..samples {
-                out.push([y[0], y[1] / self.omega]);
-                if changes {
-                    turn = self.after(k).turn(1.0);
-                }
-                y = turn * y;
-            }
-            return out;
-        }
-
-        // from rest, the spring decides the direction of the friction
-        let steps = (self.omega.abs() / RADIANS).ceil().clamp(1.0, 64.0);
+        let (is_linear, changes) = (self.is_linear(), self.unnamed.has(&RATES));
+        let finest = (self.omega.abs() / RADIANS).ceil().clamp(1.0, 64.0);
+        let steps = if is_linear { 1.0 } else { finest };
         let h = 1.0 / steps;
-        let mut now = *self;
-        let mut turns = self.turns(h);
+        let (mut now, mut turns) = (*self, self.turns(h));
+        // from rest, the spring decides the direction of the friction
         let mut sign = if y[1] != 0.0 { y[1].signum() } else { -y[0].signum() };
         let mut rests = false;
         for k in 0..samples {
@@ -151,6 +139,10 @@ impl Motion {
             if changes {
                 now = self.after(k);
                 turns = now.turns(h);
+            }
+            if is_linear {
+                y = turns[1] * y;
+                continue;
             }
             for _ in 0..steps as usize {
                 if rests {

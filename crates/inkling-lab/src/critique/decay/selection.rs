@@ -5,7 +5,7 @@
 //! 1. `candidates`: each term that may join is fitted beside the parent, which is the model so far, in white
 //!    noise: coloured noise hides a mode, which the samples before predict as well. What it explains must yet
 //!    be more than chance in the colour of what the best of them leaves. A coefficient of the unphysical
-//!    sign is an objection (`objections`).
+//!    sign is an objection (`children`).
 //! 2. `round`: candidates that passed compete by BIC, so whether a line is a mode, a tone, a harmonic or a
 //!    side band is one comparison.
 //! 3. `settled`: terms that are now superfluous go (`eliminate`), and a rival without a name gives way to a
@@ -15,20 +15,17 @@
 //! Causes and the fit's terms stand in the same order; during the search the offset, which is the first term,
 //! is no cause yet.
 
-use super::children::{Added, baseline, child};
+use super::children::{Added, baseline, child, objection};
 use super::decays::Decays;
 use super::motion::Form;
 use super::noise::Noise;
-use super::objections::objection;
 use super::plant::Fit;
-use super::terms::{Line, Term};
-use super::unnamed::unnamed;
-use crate::critique::candidate::{Candidate, Chosen};
+use super::terms::{Line, Term, unnamed};
+use crate::critique::candidate::{Candidate, Chosen, Objection};
 use crate::critique::catalogue::CauseId;
 use crate::critique::chance::{DETECTION_LIMIT, THRESHOLD, surprise};
 use crate::critique::ensemble::mean_of;
 use crate::critique::finding::Evidence;
-use crate::critique::objection::Objection;
 use crate::critique::search::{Contender, ExplainedModel, Round, System, search};
 use crate::critique::tuned::{LEFT_BY_ALL, LEFT_TO_SHAPES, MOSTLY, TIE};
 use crate::critique::work::{self, Stage, Work};
@@ -391,10 +388,8 @@ fn exchange<'a>(now: &mut Fit<'a>, causes: &mut Vec<Chosen<Added<'a>>>) {
 fn better_form(now: &mut Fit, causes: &mut [Chosen<Added>], noise: &Noise) -> f64 {
     let is_spring = |term: &Term| matches!(term, Term::Stiffness(_));
     let Some(index) = now.terms.iter().position(is_spring) else { return 0.0 };
-    let other = match now.terms[index] {
-        Term::Stiffness(Form::Cubic) => Term::Stiffness(Form::Sine),
-        _ => Term::Stiffness(Form::Cubic),
-    };
+    let forms = [Form::Cubic, Form::Sine].map(Term::Stiffness);
+    let other = forms[usize::from(now.terms[index] == forms[0])];
     let mut fit = now.clone();
     fit.terms[index] = other;
     let fit = fit.descend(noise);

@@ -5,16 +5,17 @@
 //! more than noise does. The forecast is that of the last two fifths of the record by the model fitted to the
 //! rest; its control is the same of decays of the fitted model itself with as much noise as it leaves.
 
+use super::children::lowest_line;
 use super::decays::Decays;
 use super::noise::{Noise, sizes};
-use super::objections::lowest_line;
-use super::plant::{Fit, OMEGA, SIGMA};
+use super::plant::{Fit, OMEGA, SIGMA, waves_of};
 use super::selection::Selected;
 use super::terms::{Line, Term};
 use crate::critique::chance::without_a_name;
 use crate::critique::finding::{Forecast, Mode, Structure};
 use crate::critique::tuned::{FORESEEN, MOSTLY};
 use crate::plot::digits::{measured, short};
+use inkling_core::model::inner_product::dot;
 use inkling_core::numbers::LITTLE;
 use inkling_core::side_by_side::{cores, side_by_side};
 use rand::{RngExt, SeedableRng};
@@ -143,16 +144,23 @@ fn modes(selected: &Selected) -> Vec<Mode> {
 
 /// Sum of squares of what the ring and each mode alone show, in the order of `poles`.
 fn powers(fit: &Fit) -> Vec<f64> {
-    let square = |y: &[f64]| y.iter().map(|y| y * y).sum::<f64>();
+    let columns = fit.columns();
     let ring = fit.moved().concat();
-    let misfit = fit.misfit();
-    let mode = |(i, _): (usize, &Term)| {
-        let without = fit.without(|k| k == i).misfit();
-        square(&without.iter().zip(&misfit).map(|(all, left)| all - left).collect::<Vec<f64>>())
-    };
-    let terms = fit.terms.iter().enumerate();
-    let modes = terms.filter(|(_, term)| **term == Term::Line(Line::Mode)).map(mode);
-    std::iter::once(square(&ring)).chain(modes).collect()
+    let mut powers = vec![dot(&ring, &ring)];
+    let mut next = fit.offset();
+    for (term, at) in fit.placed() {
+        let own = next..next + 2 * waves_of(term, at, &fit.p).len();
+        next = own.end;
+        if term == Term::Line(Line::Mode) {
+            let shown = |free: &[f64], k: usize| -> f64 {
+                own.clone().map(|c| free[c] * columns[c][k]).sum()
+            };
+            let square =
+                |free: &Vec<f64>| (0..fit.upto).map(|k| shown(free, k).powi(2)).sum::<f64>();
+            powers.push(fit.free.iter().map(square).sum());
+        }
+    }
+    powers
 }
 
 fn forecast(fit: &Fit) -> Forecast {

@@ -1,10 +1,15 @@
 //! The terms that may be added to the oscillator, one at a time: the catalogue's cause of each, how many
 //! numbers (parameters) it has, and whether it may join others. `plant.rs` says what each adds.
+//!
+//! Rivals without a name, the first [`IN_DECAYS`] of the catalogue, bend the motion, or what is seen of it: forces of
+//! springs ([`Strengths::spring`]), rates at a time (`loss_after`, `frequency_after`), and what the sensor shows of a
+//! path (`through_sensor`). Each has a strength, which is 0 if it is absent, and three of them a second number: a place,
+//! a lag, or a rate of settling. Time counts in samples; displacements are in the scale of the decays.
 
 use super::decays::Decays;
 use super::motion::Form;
-use super::unnamed::SPRINGS;
-use crate::critique::catalogue::CauseId;
+use crate::critique::catalogue::{CATALOGUE, CauseId, IN_DECAYS, RIVALS};
+use crate::critique::unmodelled::{lagging, past};
 
 /// Largest number of lines beside the ring.
 const MOST_LINES: usize = 11;
@@ -42,7 +47,7 @@ pub enum Term {
     Line(Line),
     /// A slow exponential beside the ring, or nearly a straight line: a zero that drifts, or settles.
     Drift,
-    /// A rival without a name (`unnamed.rs`).
+    /// A rival without a name.
     Unnamed(CauseId),
 }
 
@@ -139,5 +144,130 @@ impl Term {
             Term::Line(_) => !terms.contains(&self),
             _ => terms.iter().all(|term| term.id() != self.id()),
         }
+    }
+}
+
+pub fn unnamed() -> impl Iterator<Item = CauseId> {
+    RIVALS[..IN_DECAYS].iter().map(|rival| rival.id)
+}
+
+pub const SPRINGS: [CauseId; 3] =
+    [CauseId::EvenSpring, CauseId::OneSidedSpring, CauseId::SpringWithGap];
+pub const RATES: [CauseId; 2] = [CauseId::LossFollowsTime, CauseId::FrequencyFollowsTime];
+pub const SENSORS: [CauseId; 4] =
+    [CauseId::EvenSensor, CauseId::OddSensor, CauseId::GainFollowsAmplitude, CauseId::DeafSensor];
+
+/// Second numbers from which the search begins; a single value, which is not used, if there are none.
+pub fn second_numbers(what: CauseId, samples: usize) -> Vec<f64> {
+    let length = samples as f64;
+    let in_samples = |second: &f64| match what {
+        CauseId::GainFollowsAmplitude => second * length,
+        CauseId::FrequencyFollowsTime => second / length,
+        _ => *second,
+    };
+    what.row().seconds.iter().map(in_samples).collect()
+}
+
+/// Strength of each rival, and its second number if it has one.
+///
+/// Springs: k of k x^2; k of k (x - d) beyond a place d, on that side; the d within +-d of which there is no
+/// force. Rates: what is added to sigma per sample; the relative slope of omega, and the rate at which that
+/// slope falls. Sensors: c of c x^2 and c of c x^3; c of a gain 1/(1 + c a) with the amplitude a of the
+/// motion, and the number of samples by which it lags; the d within +-d of which it is deaf.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Strengths([[f64; 2]; IN_DECAYS]);
+
+impl Strengths {
+    pub fn set(&mut self, what: CauseId, numbers: &[f64]) {
+        self.0[what as usize - CATALOGUE.len()][..numbers.len()].copy_from_slice(numbers);
+    }
+
+    fn of(&self, what: CauseId) -> [f64; 2] {
+        self.0[what as usize - CATALOGUE.len()]
+    }
+
+    /// Force of the rivals' springs at the displacement x, over the rate omega² of the spring itself; added
+    /// to x.
+    pub fn spring(&self, x: f64) -> f64 {
+        let [gap, _] = self.of(CauseId::SpringWithGap);
+        let [stop, place] = self.of(CauseId::OneSidedSpring);
+        let [even, _] = self.of(CauseId::EvenSpring);
+        even * x * x + stop * past(x, place) - x.max(-gap.abs()).min(gap.abs()) * gap.signum()
+    }
+
+    pub fn has(&self, some: &[CauseId]) -> bool {
+        some.iter().any(|what| self.of(*what)[0] != 0.0)
+    }
+
+    /// What has been added to sigma by a time.
+    pub fn loss_after(&self, time: f64) -> f64 {
+        self.of(CauseId::LossFollowsTime)[0] * time
+    }
+
+    /// Relative change of omega by a time: slope times time, or settling, slope (1 - e^{-rate time}) / rate.
+    pub fn frequency_after(&self, time: f64) -> f64 {
+        let [slope, rate] = self.of(CauseId::FrequencyFollowsTime);
+        let run = if (rate * time).abs() < 1e-9 { time } else { -(-rate * time).exp_m1() / rate };
+        slope * run
+    }
+
+    pub fn through_sensor(&self, path: &mut [[f64; 2]]) {
+        let amplitudes = path.iter().map(|[x, u]| x.hypot(*u));
+        let levels = lagging(amplitudes, self.of(CauseId::GainFollowsAmplitude)[1]);
+        path.iter_mut().zip(levels).for_each(|([x, _], level)| *x = self.sensed(*x, level));
+    }
+
+    /// What the sensor shows of x while the amplitude of the motion, with the gain's lag, is `amplitude`.
+    fn sensed(&self, x: f64, amplitude: f64) -> f64 {
+        let [deaf, _] = self.of(CauseId::DeafSensor);
+        let even = self.of(CauseId::EvenSensor)[0] * x * x;
+        let odd = self.of(CauseId::OddSensor)[0] * x * x * x;
+        let gain = 1.0 / (1.0 + self.of(CauseId::GainFollowsAmplitude)[0] * amplitude);
+        gain * x + even + odd - x.max(-deaf.abs()).min(deaf.abs()) * deaf.signum()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_strength_is_its_own_and_changes_one_thing() {
+        for what in unnamed() {
+            let mut of = Strengths::default();
+            of.set(what, &[0.1]);
+            let changes = [of.has(&SPRINGS), of.has(&RATES), of.has(&SENSORS)];
+            assert_eq!(changes.iter().filter(|c| **c).count(), 1, "{what:?}");
+            assert_eq!(of.spring(0.5) != 0.0, of.has(&SPRINGS), "{what:?}");
+            let mut path = [[0.5, 0.2]];
+            of.through_sensor(&mut path);
+            assert_eq!(path[0][0] != 0.5, of.has(&SENSORS), "{what:?}");
+        }
+    }
+
+    #[test]
+    fn second_numbers_are_a_place_a_lag_and_a_rate() {
+        let mut of = Strengths::default();
+        of.set(CauseId::OneSidedSpring, &[2.0, 0.3]);
+        assert_eq!([of.spring(0.2), of.spring(-0.9)], [0.0; 2]);
+        assert!((of.spring(0.8) - 1.0).abs() < 1e-12);
+        of.set(CauseId::OneSidedSpring, &[2.0, -0.3]);
+        assert!((of.spring(-0.8) + 1.0).abs() < 1e-12);
+
+        let mut of = Strengths::default();
+        of.set(CauseId::FrequencyFollowsTime, &[1e-3, 0.0]);
+        assert_eq!(of.frequency_after(50.0), 0.05);
+        of.set(CauseId::FrequencyFollowsTime, &[1e-3, 0.1]);
+        assert!((of.frequency_after(1e4) - 0.01).abs() < 1e-12, "it settles");
+
+        let mut of = Strengths::default();
+        of.set(CauseId::GainFollowsAmplitude, &[1.0, 10.0]);
+        let mut path = [[1.0, 0.0]; 200];
+        of.through_sensor(&mut path);
+        assert!(path[0][0] > 0.9 && (path[199][0] - 0.5).abs() < 1e-6, "it falls with a lag");
+        of.set(CauseId::GainFollowsAmplitude, &[1.0, -10.0]);
+        let mut path = [[1.0, 0.0]; 2];
+        of.through_sensor(&mut path);
+        assert!((path[0][0] - 0.5).abs() < 1e-12, "it has settled before");
     }
 }

@@ -3,15 +3,15 @@
 //! causes are named rightly and sizes lie in their intervals, on seeds that nothing was tuned on,
 //! and that known aliases and unphysical signs are never named.
 
+use super::children::objection;
 use super::decays::Decays;
 use super::noise::Noise;
-use super::objections::objection;
 use super::plant::{Fit, OMEGA, SIGMA};
 use super::terms::{Line, Term};
 use super::{critique, motion::Form};
+use crate::critique::candidate::Objection;
 use crate::critique::catalogue::CauseId;
 use crate::critique::finding::{Critique, Verdict};
-use crate::critique::objection::Objection;
 use crate::critique::observations::{Observations, Sampler};
 use crate::critique::search::System;
 use inkling_core::burst::Beside;

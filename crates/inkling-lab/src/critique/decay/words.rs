@@ -4,9 +4,8 @@
 //! the unit of the catalogue, and texts in seconds and in the unit of the recording, which says of it no
 //! more than that it has one: [`UNIT`].
 
-use super::children::Added;
+use super::children::{Added, amplitudes};
 use super::motion::Form;
-use super::objections::amplitudes;
 use super::plant::{Fit, OMEGA, SIGMA, waves_of};
 use super::selection::Selected;
 use super::terms::Term;
