@@ -145,20 +145,23 @@ fn the_same_signals_as_tables_have_the_same_verdicts() {
 fn each_row_of_lists_may_name_its_printhead() {
     let house = House::new();
     let listed = listed(&bursts());
-    let names = (0..listed.num_rows()).map(|i| ["cyan", "black", ""][i % 3]);
-    let heads: DictionaryArray<Int8Type> =
-        names.map(|n| Some(n).filter(|n| !n.is_empty())).collect();
-    let mut columns: Vec<(&str, ArrayRef)> = vec![("head", Arc::new(heads))];
-    columns.extend(["t_ns", "samples"].map(|name| (name, listed[name].clone())));
-    house.write("t.parquet", parquet(&RecordBatch::try_from_iter(columns).unwrap()));
-    house.ok("convert t.parquet -o t.mcap --time t_ns --period-s 1e-6 --printhead head");
+    let write = |name: &str, of: [&str; 3]| {
+        let names = (0..listed.num_rows()).map(|i| of[i % 3]);
+        let heads: DictionaryArray<Int8Type> =
+            names.map(|n| Some(n).filter(|n| !n.is_empty())).collect();
+        let mut columns: Vec<(&str, ArrayRef)> = vec![("head", Arc::new(heads))];
+        columns.extend(["t_ns", "samples"].map(|name| (name, listed[name].clone())));
+        house.write(name, parquet(&RecordBatch::try_from_iter(columns).unwrap()));
+    };
+    write("t.parquet", ["cyan", "black", "black"]);
+    write("gap.parquet", ["cyan", "black", ""]);
+    let options = "-o t.mcap --time t_ns --period-s 1e-6 --printhead head";
+    house.ok(&format!("convert t.parquet {options}"));
     let made = crate::recorded::bursts(&house.path("t.mcap"));
     let of: Vec<&str> = made.iter().take(4).map(|burst| &*burst.printhead).collect();
-    assert_eq!(
-        of,
-        ["cyan", "black", "head", "cyan"],
-        "a row without a name has that of the others"
-    );
+    assert_eq!(of, ["cyan", "black", "black", "cyan"]);
+    let gap = house.run(&format!("convert gap.parquet {options}"));
+    gap.exits(1).says("row 3: column \"head\": an empty cell: each row must say");
 }
 
 #[test]

@@ -322,7 +322,7 @@ impl Blocks {
                     self.advance(next, known_until);
                     let block = self.block(BlockKind::Chunk, at, next);
                     let block = Block { decompressed_bytes, ..block };
-                    self.last_chunk = Some(block.clone());
+                    self.last_chunk = Some(block);
                     return Poll::Ready(Some(Ok(block)));
                 }
                 Step::Lost(what) => {
