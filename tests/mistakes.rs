@@ -33,7 +33,6 @@ const MISTAKES: &[(&str, i32, &str)] = &[
     ("score {O} --labels {L} --report e.html", 2, "`score --json`"),
     ("report {O} -o r.html --set report.rows=2", 2, "the map shows neighbours"),
     ("identify {T} -o m.json --plot p", 2, "`inkling critique`"),
-    ("train {T} --labels {L} -o d.json --json", 2, "`train`, `identify` and `critique` are JSON"),
     ("replay {R} --layout flat", 2, "lays the recordings of one directory side by side"),
     ("replay {R} --set identify.spans=[]", 2, "label that time healthy"),
     // what is not given

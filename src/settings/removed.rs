@@ -7,7 +7,7 @@
 use toml::{Table, Value};
 
 /// Options of any verb, and what to use instead.
-const OPTIONS: [(&str, &str); 9] = [
+const OPTIONS: [(&str, &str); 8] = [
     (
         "--detectability",
         "train on the same labels; `inkling score --design` says which faults are found",
@@ -16,7 +16,6 @@ const OPTIONS: [(&str, &str); 9] = [
         "--doubts",
         "the page and `--json` list what has no name; write what you found into the labels",
     ),
-    ("--json", "its result is a file, and those of `train`, `identify` and `critique` are JSON"),
     ("--mu", "--set detect.mu, for `train`; chapter 4 is for the thesis's own"),
     ("--outcomes", "write what you found into the file of `--labels`: later rows win"),
     ("--plot", "the page of `inkling critique` shows what the model leaves of the signals"),
