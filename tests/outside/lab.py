@@ -122,7 +122,7 @@ class Lab:
         shutil.rmtree(self.work / "out", ignore_errors=True)
         baseline = ["--baseline", state] if state else []
         self.call("replay", *(rec.path for rec in recs), "--design", self.design(kind), "--identify", how, *baseline,
-                  "--out", self.work / "out", "--layout", "flat")
+                  "--out", self.work / "out")
 
     def verdicts(self, rec):
         names = ["acquired_at", "channel", "outcome", "fault", "category", "candidate", "certainty", "severity", "severity_sd"]

@@ -287,7 +287,7 @@ impl Evidence {
     }
 }
 
-/// The numbers behind the report's pictures; `residuals.parquet` holds the curves.
+/// The numbers behind the report's pictures.
 #[derive(Clone, Debug, Default)]
 pub struct Figures {
     pub unit: String,
