@@ -1,6 +1,6 @@
 //! The settings of every room ([`Settings`]): the sections of `pipeline.toml` with their defaults,
 //! and the check of their values and combinations. [`Settings::load`] (`settings/layers.rs`) makes
-//! them of a settings file and of what the command line sets.
+//! them from a settings file and of what the command line sets.
 //!
 //! `pipeline.toml` at the top of the repository explains each key with its unit and its reason.
 
@@ -25,7 +25,7 @@ use serde::{Deserialize, Deserializer, Serialize};
 use std::str::FromStr;
 use toml::Value;
 
-/// All settings, one field for each section of `pipeline.toml`. Most sections belong to other
+/// All settings, one field for each section of `pipeline.toml`. Half of the sections belong to other
 /// rooms, which define and check them.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -49,7 +49,7 @@ pub struct InputSettings {
     /// Path of the design; empty: there is none, and replay identifies and detects only.
     pub design: String,
     /// Path of the file of `--baseline`, the states of printheads and channels: it is read at the
-    /// begin and replaced after each recording. Empty: no states are kept.
+    /// beginning and replaced after each recording. Empty: no states are kept.
     pub baseline: String,
     /// The rails (lowest and highest value of the converter), counts: two or more consecutive
     /// samples at or beyond a rail are saturated.

@@ -2,7 +2,9 @@
 //!
 //! In: from `batch`, recordings with their entries as they are done. Out: rows and messages of the account
 //! ([`Account`], `run.json`), lines on stdout (text, or JSON events), complaints on stderr, and with `--annotate`
-//! the annotations of each recording. Nothing that a later run rests on is written here: that is the ledger's.
+//! the annotations of each recording; at the end the account of all recordings of the directory of results
+//! (`account.json`). What decides whether a recording is judged again is the ledger's; what is written here can be made
+//! again.
 
 use super::account::{Account, End, MOST_RUN_BYTES, RUN_NAME, Row};
 use super::acknowledge::ACKNOWLEDGED_NAME;
@@ -25,15 +27,16 @@ use serde_json::{Value, json};
 use std::io::Write;
 use std::path::Path;
 
-/// The account has no maps, and later runs need not count the same verdicts again.
+/// How results are read for `account.json`: it has no maps, and the counts are kept, so that later runs need not count the
+/// same verdicts again.
 const COUNTED: OfVerdicts = OfVerdicts { with_maps: false, keeps_counts: true };
-/// Most complaints told one by one; lost names and annotations are extra.
+/// Most complaints told one by one; names that were not found and annotations that failed are told besides.
 const MOST_FAILURES: usize = 10;
 
 pub struct Teller<'a> {
     pub out: &'a Path,
     pub progress: &'a Progress,
-    /// At first its only rows are of names that were given and not found.
+    /// That of this run. At first its only rows are of names that were given and not found.
     pub account: Account,
     /// Whether to print one JSON line per recording and one for the run, instead of text.
     pub json: bool,
@@ -167,7 +170,7 @@ impl Teller<'_> {
             Some(Stop { end, failure }) => (*end, failure.exit),
             None => (End::Finished, self.account.exit()),
         };
-        // `run.json` is written however that ended, before the closing table is printed
+        // `run.json` is written however the run ended, before the closing table is printed
         let written = self.account.write(self.out, run.means, end, exit);
 
         // a single recording that was judged has been reported already
@@ -186,7 +189,8 @@ impl Teller<'_> {
         }
 
         match stopped {
-            Some(stop) => return Err(stop.failure), // run.json on a full disk is the lesser loss
+            // why the run stopped matters more than that `run.json` could not be written
+            Some(stop) => return Err(stop.failure),
             None => written.map_err(FileError::unwritten(&self.out.join(RUN_NAME)))?,
         }
         match exit {
@@ -220,14 +224,14 @@ impl Teller<'_> {
                     unless_reader_gone(print)?;
                 }
             }
-            // where nothing was ever judged there is nothing to account for
+            // where this run judged nothing, and earlier ones left nothing that can be read, there is nothing to tell
             Err(_) if self.account.rows.iter().all(|row| row.verdicts.is_none()) => {}
             Err(e) => self.fail(&format!("no {ACCOUNT_NAME} of this run: {}", e.message)),
         }
         Ok(())
     }
 
-    /// Whether the account was written after all that it tells of was, which could be read.
+    /// Whether `account.json` tells of everything, and is not older than the journal and the acknowledgements.
     fn is_current(&self) -> bool {
         let account = regular_file::read(&self.out.join(ACCOUNT_NAME), MOST_RUN_BYTES);
         let account: Value =

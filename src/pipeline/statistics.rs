@@ -1,10 +1,11 @@
 //! Computes the detection statistics of a batch's signals, by the method of each burst's judge.
 //!
-//! In: bursts with their judges, from the filter stage ([`Statistics::of`]). Out: for each signal its
-//! detection statistics ([`Detection`]), or why it has none. They do not depend on what else is in the batch.
+//! In: bursts with their judges; the workers of the filter stage call [`Statistics::of`] once per batch. Out: for each
+//! signal its detection statistics ([`Detection`]), or why it has none. What else is in the batch does not change them.
 //!
 //! The bursts of a batch are taken judge by judge. With `detect.method` = `sensitivity` [`Distances`] computes
-//! the distances of many signals side by side; another method's statistic is that of each signal's residual.
+//! the distances of many signals side by side; any other method takes the energy, or the largest sample, of each
+//! signal's residual.
 
 use super::batches::{AssignedBatch, Detected};
 use super::distances::{Distances, PlacedBurst, finite};
@@ -22,10 +23,11 @@ pub struct Statistics {
 /// Signals that wait to be filtered side by side.
 #[derive(Default)]
 struct WaitingSignals {
-    /// Where in the batch each stands.
+    /// The index of each in the batch.
     at: Vec<usize>,
-    /// N counts of each, one after the other.
+    /// `samples` values of each, counts, one signal after the other.
     deviations: Vec<f64>,
+    /// Samples of each: signals of another length wait by themselves.
     samples: usize,
 }
 
@@ -45,6 +47,7 @@ impl Statistics {
             let fill = match (acquisition, &of.judge) {
                 (Acquisition::Usable(burst), Ok(judge)) => {
                     bursts.push(PlacedBurst { judge, first: signals.start, burst });
+                    // every usable burst is overwritten below
                     Ok(Detection { ring: f64::NAN, unexplained: f64::NAN })
                 }
                 (_, Err(reason)) => Err(*reason),
@@ -53,7 +56,7 @@ impl Statistics {
             statistic.resize(signals.end, fill);
         }
 
-        // one judge after the other, so that rings are fitted side by side even if short bursts of several judges
+        // one judge after the other, so that signals are computed side by side even if short bursts of several judges
         // alternate
         bursts.sort_by_key(|of| (of.judge.key(), of.first));
         for bursts in bursts.chunk_by(|p, q| p.judge.key() == q.judge.key()) {
@@ -65,12 +68,12 @@ impl Statistics {
         }
     }
 
-    /// The energy (or largest sample) of each signal's residual, thesis e(r): of [`TOGETHER`] signals at once,
-    /// also of several bursts.
+    /// Computes the energy (or the largest sample) of each signal's residual, thesis e(r). [`TOGETHER`] signals are
+    /// computed at once, which may come from several bursts.
     fn of_residuals(&mut self, judge: &Judge, bursts: &[PlacedBurst], statistic: &mut [Detected]) {
         for &PlacedBurst { first, burst, .. } in bursts {
             if burst.samples_per_channel as usize != self.waiting.samples {
-                self.waiting.judge(judge, statistic);
+                self.waiting.compute(judge, statistic);
                 self.waiting.samples = burst.samples_per_channel as usize;
             }
             for row in 0..burst.channels as usize {
@@ -82,17 +85,17 @@ impl Statistics {
                     }
                 }
                 if self.waiting.at.len() == TOGETHER {
-                    self.waiting.judge(judge, statistic);
+                    self.waiting.compute(judge, statistic);
                 }
             }
         }
-        self.waiting.judge(judge, statistic);
+        self.waiting.compute(judge, statistic);
     }
 }
 
 impl WaitingSignals {
-    /// Judges what waits; nothing waits afterwards.
-    fn judge(&mut self, judge: &Judge, statistic: &mut [Detected]) {
+    /// Computes the statistics of what waits; nothing waits afterwards.
+    fn compute(&mut self, judge: &Judge, statistic: &mut [Detected]) {
         let found = judge.model.of_residuals(&self.deviations, self.samples);
         for (at, ring) in self.at.drain(..).zip(found) {
             statistic[at] = finite(Detection { ring, unexplained: f64::NAN });
