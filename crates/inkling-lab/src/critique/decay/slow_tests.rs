@@ -64,9 +64,12 @@ fn told(c: &Critique) -> f64 {
     c.remarks.iter().find_map(alone).unwrap_or(after)
 }
 
+/// What is added to a decay, by the time.
+type Slow = fn(f64) -> f64;
+
 #[test]
 fn beside_a_zero_that_drifts_the_ring_has_its_own_frequency() {
-    let slow: [(f64, fn(f64) -> f64); 5] = [
+    let slow: [(f64, Slow); 5] = [
         (0.0, |t| 0.002 * t),
         (0.0, |t| -0.02 * t),
         (0.3, |t| 0.3 * (-t / 8.0).exp()),
