@@ -234,8 +234,8 @@ impl Channel {
     /// squared distances of what [`Channel::moved`] returns (`Apart::square`).
     ///
     /// * A healthy channel beyond a bound becomes faulty, at its present level. Its healthy level is
-    ///   then what it was long ago if it has drifted from there, or unknown. Of one without a past it is not known that it
-    ///   is healthy, so it has to lie among all channels as one in a thousand does not (`WITHIN_POPULATION`).
+    ///   then what it was long ago if it has drifted from there, or unknown. Nobody knows of one without a
+    ///   past that it is healthy, so it must not lie further out than one in a thousand does (`WITHIN_POPULATION`).
     /// * A faulty channel becomes healthy, at its present level, where it has moved no further than
     ///   the others of its ageing head, or is within the bounds and knows no level. The covariance of few
     ///   channels says of nothing that it is rare, so it has to lie among the others by that itself, too.
