@@ -7,10 +7,10 @@
 //!
 //! Each turn of [`Blocks::poll`] looks at the record at `at` and decides on a `Step`. There are
 //! two sorts of damage. A record that cannot be used (too large, or at odds with itself) is lost alone: its length is
-//! followed on trial, and if that turns out to be wrong, the search goes back to where it began. Where the framing is broken (a record's length cannot be
-//! true, or a record stands where it cannot be), the scan goes on at the next chunk that has a
-//! checksum and verifies (`resync.rs`), because chunks hold nearly all data and can be recognised
-//! by themselves. Messages outside chunks and chunks without a checksum are lost up to there.
+//! followed on trial, and if that turns out to be wrong, the search goes back to where it began. Where the framing is
+//! broken (a record's length cannot be true, or a record stands where it cannot be), the scan goes on at the next chunk
+//! that has a checksum and verifies (`resync.rs`), because chunks hold nearly all data and can be recognised by
+//! themselves. Messages outside chunks and chunks without a checksum are lost up to there.
 //!
 //! In a recording that is being written, a record that is not whole may still become so, and
 //! [`Blocks::poll`] says that the next block is pending.
