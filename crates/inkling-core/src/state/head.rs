@@ -11,9 +11,10 @@
 
 use super::ageing::{Apart, OFTEN, RARELY, rarely_apart};
 use super::channel::{AsOthers, Channel, FromLevel, RUNGS, Sum};
-use super::kind::{Features, Kind, at_least_as_wide};
+use super::kind::{Features, Kind};
 use super::level::{Expected, Explained, Member, Move, Variances, alike, explain};
 use super::process::{self, DRIFTED, FEWEST, NOT_THIS_HEAD, ODD_ONE, PAUSE_NS};
+use super::within::Within;
 use crate::model::median::median_of;
 use nalgebra::{Matrix4, Vector4};
 use std::collections::{BTreeMap, BTreeSet};
@@ -78,42 +79,6 @@ pub struct Head {
     heard: BTreeSet<u32>,
     /// The variances of the channels about the level, over those that the design says, 1 or more.
     pub(super) wider: Features,
-}
-
-/// How far healthy looks lie off their own channels, canonical: noise, and what differs from drop to
-/// drop. A design does not know how much of healthy signals' differences lasts, so a head begins
-/// with nothing lasting and learns by its looks.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Within {
-    /// Mean square, as a matrix, of looks' distances from the mean of their channel's looks before.
-    pub covariance: Matrix4<f64>,
-    pub looks: f64,
-}
-
-impl Within {
-    /// Of one look about its channel: between the design's noise and what healthy signals differ by.
-    fn noise(&self, spread: &Features) -> Features {
-        self.covariance.diagonal().zip_map(spread, |v, s2| v.clamp(1.0, 1.0 + s2))
-    }
-
-    fn of_look(&self, spread: &Features) -> Matrix4<f64> {
-        // a variance that chance made negative has no root: its factor is 1
-        let all = spread.add_scalar(1.0);
-        let reduced =
-            self.covariance.diagonal().zip_map(&all, |v, most| (most / v).sqrt().min(1.0));
-        let reduced = Matrix4::from_diagonal(&reduced);
-        at_least_as_wide(1.0, &(reduced * self.covariance * reduced))
-    }
-
-    fn lasting(&self, spread: &Features) -> Features {
-        spread.add_scalar(1.0) - self.noise(spread)
-    }
-
-    /// `square`: unbiased measurement of the covariance; `weight`: probability of a healthy look.
-    fn learn(&mut self, square: Matrix4<f64>, weight: f64) {
-        self.looks = (self.looks + weight).min(process::MOST_WITHIN);
-        self.covariance += (square - self.covariance) * (weight / self.looks);
-    }
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -6,8 +6,9 @@
 //! for a model that scatters otherwise, too.
 
 use super::channel::{Channel, Sum};
-use super::head::{Head, Within};
+use super::head::Head;
 use super::kind::{Features, Kind, at_least_as_wide};
+use super::within::Within;
 use nalgebra::{Matrix4, Vector4};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;

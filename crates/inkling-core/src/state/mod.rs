@@ -6,8 +6,9 @@
 //! offset from there; whether the head is the one that it was. The model: `docs/design/state.md`.
 //!
 //! `head` holds the state and the order of the steps of a sweep, `level` finds the level that
-//! explains it, `channel` is what is known of one channel, `ageing` tells slow faults from channels
-//! that age, `kind` has the coordinates, `process` the numbers, and `memory` the file.
+//! explains it, `channel` is what is known of one channel, `within` how looks scatter about channels,
+//! `ageing` tells slow faults from channels that age, `kind` has the coordinates, `process` the
+//! numbers, and `memory` the file.
 
 mod ageing;
 mod channel;
@@ -22,6 +23,7 @@ mod nights_tests;
 pub mod process;
 #[cfg(test)]
 mod tests;
+mod within;
 
 pub use channel::{Channel, Sum};
 pub use head::{Head, Look, OtherChannel, OwnLevel, SweepOutcome};
