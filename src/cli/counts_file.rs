@@ -17,7 +17,7 @@ use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 
 /// To be raised whenever verdicts would be counted otherwise within one version of inkling.
-const VERSION: u32 = 2;
+const VERSION: u32 = 3;
 /// Most bytes that are read.
 const MOST_BYTES: u64 = 256 << 20;
 

@@ -204,7 +204,7 @@ impl HeadCounts {
     }
 }
 
-/// What a flagged row says: a category where that is certain, and then the severity; and the distance from
+/// What a flagged row says: a category where that is certain; the severity, unless it is of no class; and the distance from
 /// healthy, in distances of the threshold, which is the root of statistic / threshold, as a statistic is the
 /// square of a distance.
 fn said<'a>(c: &VerdictColumns, row: usize, names: Names<'a>) -> Flagged<'a> {
@@ -214,13 +214,14 @@ fn said<'a>(c: &VerdictColumns, row: usize, names: Names<'a>) -> Flagged<'a> {
         size: severity.into(),
     };
     let is_named = c.outcome[row] == Outcome::Faulty;
+    let is_of_class = is_named || c.reason[row] == Some(Reason::Uncertain);
     let category = c.category[row].and_then(|k| names.categories.get(usize::from(k)));
     let over = c.statistic[row].zip(c.threshold[row]).map(|(s, t)| f64::from(s / t).sqrt());
     let ring = c.resonance_hz[row].zip(c.damping_per_s[row]);
     Flagged {
         ring: ring.map(|(resonance, damping)| [resonance, damping].map(f64::from)),
         category: category.filter(|_| is_named).map(String::as_str),
-        size: class.zip(c.severity[row]).filter(|_| is_named).map(size),
+        size: class.zip(c.severity[row]).filter(|_| is_of_class).map(size),
         distance: over.filter(|_| c.reason[row] != Some(Reason::NoRing)),
     }
 }

@@ -49,6 +49,8 @@ pub struct Sizes {
     pub max: f32,
     pub last: f32,
     pub sd: Option<f32>,
+    /// Whether the signals that have it carry a name.
+    pub is_named: bool,
 }
 
 impl EpisodeDraft {
@@ -92,17 +94,33 @@ impl EpisodeDraft {
             all.for_each(|(votes, weight)| *votes += f64::from(*weight));
         }
 
-        // an episode's size is that of signals that carry a name
-        if let (Some(class), Some(size), None) = (named.candidate, named.severity, named.reason)
-            && size.is_finite()
-        {
-            let Some(&quantity) = rules.quantities.get(usize::from(class)) else { return };
-            self.sizes.resize(rules.classes.len(), None);
-            let Some(of) = self.sizes.get_mut(quantity) else { return };
-            let known = of.get_or_insert(Sizes { first: size, max: size, last: size, sd: None });
-            known.max = known.max.max(size);
-            (known.last, known.sd) = (size, named.severity_sd);
+        self.add_size(named, rules);
+    }
+
+    /// An episode's size is that of signals that carry a name. Where each of them is too uncertain for one, it is that of
+    /// what they most likely are: all together they may be certain.
+    fn add_size(&mut self, of: &IsolatedSignal, rules: &Rules) {
+        let is_named = match of.reason {
+            None => true,
+            Some(Reason::Uncertain) => false,
+            Some(_) => return,
+        };
+        let size = of.severity.filter(|size| size.is_finite());
+        let quantity = of.candidate.and_then(|class| rules.quantities.get(usize::from(class)));
+        let Some((size, quantity)) = size.zip(quantity) else { return };
+        self.sizes.resize(rules.classes.len(), None);
+        let Some(known) = self.sizes.get_mut(*quantity) else { return };
+        if known.is_some_and(|known| known.is_named && !is_named) {
+            return;
         }
+        let before = known.filter(|known| known.is_named == is_named);
+        *known = Some(Sizes {
+            first: before.map_or(size, |known| known.first),
+            max: before.map_or(size, |known| known.max.max(size)),
+            last: size,
+            sd: of.severity_sd,
+            is_named,
+        });
     }
 
     /// The weights of the classes, and whether "no class" outweighs them. Present signals decide ([`ClassFilter`]),
@@ -142,6 +160,23 @@ mod tests {
 
     fn rules() -> Rules {
         Rules::new(&["BN", "PBN", "SDN"].map(Class::plain), &[0.28; 3], 0.8, 16.0)
+    }
+
+    #[test]
+    fn an_episode_has_the_size_of_signals_with_a_name_or_else_of_what_they_most_likely_are() {
+        let rules = rules();
+        let mut draft = EpisodeDraft::new(&rules);
+        let mut last = |reason, size| {
+            let weights = vec![0.0, 0.7, 0.1];
+            let (candidate, severity) = (Some(1), Some(size));
+            let of = IsolatedSignal { reason, candidate, severity, weights, ..Default::default() };
+            draft.add(&of, &rules);
+            draft.sizes.iter().flatten().next().map(|of| of.last)
+        };
+        assert_eq!(last(Some(Reason::UnknownFault), 0.5), None);
+        assert_eq!(last(Some(Reason::Uncertain), 0.04), Some(0.04));
+        assert_eq!(last(None, 0.06), Some(0.06));
+        assert_eq!(last(Some(Reason::Uncertain), 0.1), Some(0.06));
     }
 
     #[test]
