@@ -283,7 +283,7 @@ fn search(root: &Path, depth: usize, wanted: &Wanted) -> FoundInputs {
             }
         };
         // macOS keeps the attributes of `a.mcap` in `._a.mcap` on file systems that have none
-        let is_attributes = matches!(wanted, Wanted::Ending(_)) && name_of(&path).starts_with("._");
+        let is_attributes = name_of(&path).starts_with("._");
         if !is_attributes && !is_annotation(&path) {
             found.add(root, path, wanted);
         }

@@ -26,17 +26,20 @@ const OTHERS: [(&str, &str, &str); 4] = [
 /// Why a file of this name is not read although it looks like a recording. `None`: it does not look like one.
 pub fn beside(name: &str) -> Option<String> {
     let name = name.to_lowercase();
+    // as logrotate, copies and people name what they put aside: `a.mcap.1`, `a.mcap.20260131`, `a.mcap.old`
+    let is_aside = |name: &str| {
+        name.rsplit_once(".mcap.").is_some_and(|(_, aside)| {
+            ["old", "bak", "orig"].contains(&aside)
+                || aside.bytes().all(|c| c.is_ascii_digit() || b"-_t".contains(&c))
+        })
+    };
     if let Some((rest, ending)) = name.rsplit_once('.')
         && let Some((_, by, ..)) = COMPRESSED.iter().find(|(of, ..)| *of == ending)
-        && rest.ends_with(".mcap")
+        && (rest.ends_with(".mcap") || is_aside(rest))
     {
         return Some(format!("compressed, and not read: `{by}` first"));
     }
-    // as logrotate, copies and people name what they put aside: `a.mcap.1`, `a.mcap.20260131`, `a.mcap.old`
-    if let Some((_, aside)) = name.rsplit_once(".mcap.")
-        && (["old", "bak", "orig"].contains(&aside)
-            || aside.bytes().all(|c| c.is_ascii_digit() || b"-_t".contains(&c)))
-    {
+    if is_aside(&name) {
         return Some("not called *.mcap, and not read: rename it so that it ends in .mcap".into());
     }
     let other = OTHERS.iter().find(|(of, ..)| name.ends_with(of));
@@ -108,6 +111,7 @@ mod tests {
             "n.mcap.active",
             "k.mcap.7z",
             "a.mcap.1",
+            "a.mcap.2.gz",
             "a.mcap.2026-01-31",
             "A.mcap.OLD",
         ] {
