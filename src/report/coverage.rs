@@ -311,7 +311,7 @@ fn not_measured(survey: &Survey, sources: &[Source]) -> Vec<Gap> {
                  `inkling acknowledge OUT --replaced HEAD --from TIME`"
             ),
             _ => format!(
-                "{} of {name}: fell silent, or were not heard in the last night ({} of its {})",
+                "{} of {name}: not heard to the end of the last night ({} of its {})",
                 numbered(&silent),
                 silent.len(),
                 counted(judged().count() as u64, "channel")

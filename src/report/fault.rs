@@ -247,7 +247,7 @@ pub fn trend_in_words(story: &Story) -> String {
     let is_factor = story.category.as_deref() == Some("dried_nozzle");
     let is_own = !class.is_empty() && fault::category(class) == class;
     let (scale, of) = match () {
-        () if is_unnamed => (1.0, " thresholds further from healthy"),
+        () if is_unnamed => (1.0, " thresholds"),
         () if is_factor || is_own => (1.0, ""),
         () => (100.0, " points"),
     };
@@ -263,7 +263,8 @@ pub fn trend_in_words(story: &Story) -> String {
         _ => "getting better",
     };
     let rate = n(trend.per_day * scale / per);
-    format!("{word}: {rate}{of} a {unit} ({} to {})", n(low), n(high))
+    let what = if is_unnamed { ", how far it is from healthy" } else { "" };
+    format!("{word}: {rate}{of} a {unit} ({} to {}){what}", n(low), n(high))
 }
 
 /// A defect counts as visible from this loss of a drop on.

@@ -72,6 +72,7 @@ fn known(report: &Report, head: &Head, channels: &str) -> (Light, String) {
 
     // The reasons for grey, the gravest first.
     let grey = match gap {
+        _ if head.is_gone => "taken out: nothing was heard of it since".to_owned(),
         _ if judged == 0 => "not judged".to_owned(),
         _ if last.judged == 0 => "not judged in its last recording".to_owned(),
         Some(gap) => gap.what.clone(),
@@ -90,10 +91,10 @@ fn known(report: &Report, head: &Head, channels: &str) -> (Light, String) {
             format!("{share} of its signals flagged, on no channel often enough to call it faulty")
         }
         _ if judged < all => {
-            let words = format!("{channels}, nothing found in the {share} that were judged");
+            let words = format!("{channels}, nothing to clean in the {share} that were judged");
             return (Light::Green, words);
         }
-        _ => return (Light::Green, format!("{channels}, nothing found")),
+        _ => return (Light::Green, format!("{channels}, nothing to clean")),
     };
     (Light::Grey, grey)
 }

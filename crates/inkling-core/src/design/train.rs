@@ -104,7 +104,7 @@ impl Design {
             let (n, threshold) = (pooled.threshold.n_signals, pooled.threshold.value);
             let apart = match (share * n as f64).round() {
                 0.0 => String::new(),
-                of => format!(", of which {of} lie apart,"),
+                of => format!(", of which {of} lie apart"),
             };
             format!(
                 "the threshold, {threshold:.0}, lies far beyond most of the {n} signals labelled healthy{apart}: too few \
