@@ -119,6 +119,15 @@ pub fn run_on(args: &Args, given: RecordingSource) -> Result<Exit, Failure> {
     let rings = if oscillator { Rings::Oscillator } else { Rings::InkChannel };
     let mut outcome = engine::critique(&data, rings, labels.is_some()).map_err(Failure::new)?;
     outcome.critique.signals.rejected = left_out;
+    if oscillator && observer.is_cut {
+        let cut = format!(
+            "some records are longer than {} samples, and what comes later was not looked at: record or resample them more \
+             slowly, or cut them",
+            data.samples
+        );
+        progress.say(&format!("warning: {cut}"));
+        outcome.critique.remarks.push(cut);
+    }
 
     // 4. now that there is a result, that of an earlier run is removed; then the design is
     // extended, as only ink channels have designs, and only causes extend them
