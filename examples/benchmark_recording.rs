@@ -83,6 +83,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let mut turns = printheads.iter().cycle();
     let mut t_ns = 1_750_000_000_000_000_000_i64;
     let mut burst = Burst {
+        topic: 0,
         t_acq_ns: t_ns,
         logged_ns: t_ns,
         printhead: printheads[0].clone(),

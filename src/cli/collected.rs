@@ -12,7 +12,7 @@
 use super::exit::Failure;
 use super::progress::{Progress, interruptible};
 use crate::pipeline::collect::{Collector, OTHER_SAMPLING};
-use crate::pipeline::ring_look::{self, Doubt};
+use crate::pipeline::ring_look::{self, Doubt, Known};
 use crate::pipeline::visit::Pass;
 use crate::pipeline::{Control, PipelineError, nobody_reads};
 use crate::report::first_of;
@@ -111,7 +111,7 @@ pub fn collected(
             let what = nobody_reads(topic).what;
             recordings.progress.say(&format!("warning: {}: {what}", pass.recording.name));
         }
-        for Doubt { printhead, what, .. } in ring_look::doubts(pass.recording, true) {
+        for Doubt { printhead, what, .. } in ring_look::doubts(pass.recording, Known::But(&[])) {
             let (name, head) = (&pass.recording.name, printable::cell(&printhead));
             recordings.progress.say(&format!("warning: {name}: {head}: {what}"));
         }

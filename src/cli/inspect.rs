@@ -12,8 +12,9 @@ use super::exit::{Exit, Failure};
 use super::progress::{Progress, interruptible, thousands};
 use super::report::printable;
 use super::{output, topics};
+use crate::pipeline::Control;
+use crate::pipeline::ring_look::{self, Known};
 use crate::pipeline::visit::Pass;
-use crate::pipeline::{Control, ring_look};
 use crate::settings::Settings;
 use inkling_io::damage::note;
 use inkling_io::dialect::guess::Proposal;
@@ -175,6 +176,6 @@ fn one(
 
 /// Sentences on why the signals may be no ring-downs as they are laid out.
 fn doubts(recording: &Recording) -> Vec<String> {
-    let doubts = ring_look::doubts(recording, false).into_iter();
+    let doubts = ring_look::doubts(recording, Known::Nothing).into_iter();
     doubts.map(|doubt| format!("{}: {}", doubt.printhead, doubt.what)).collect()
 }

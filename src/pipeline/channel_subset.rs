@@ -36,7 +36,13 @@ impl ChannelStretches {
     }
 
     pub fn overlap(&self, channels: &Range<u32>) -> bool {
-        self.0.iter().any(|s| s.start < channels.end && channels.start < s.end)
+        self.shared(channels).is_some()
+    }
+
+    /// The first part of a stretch whose channels are all in the set; `None`: none is.
+    pub fn shared(&self, channels: &Range<u32>) -> Option<Range<u32>> {
+        let within = |s: &Range<u32>| s.start.max(channels.start)..s.end.min(channels.end);
+        self.0.iter().map(within).find(|shared| !shared.is_empty())
     }
 
     /// How many channels of the set have lower numbers; `None`: the channel is not in the set.

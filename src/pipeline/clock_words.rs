@@ -4,8 +4,8 @@
 //! of bursts whose times stand in no order with others ([`told`]).
 
 use super::head_clock::{HeadClock, Step, Stretch};
+use super::not_judged::NotJudged;
 use super::numbers::DIFFER_NS;
-use super::recording_report::NotJudged;
 use crate::report::{WrongStretch, clock};
 use inkling_io::when::{YEAR_2010_NS, is_far_ahead};
 use std::collections::BTreeSet;
@@ -43,8 +43,7 @@ fn against_each_other(clocks: &[HeadClock]) -> Vec<NotJudged> {
              wrong?",
             duration(lead.abs_diff(lead_ns))
         );
-        let printhead = Some(of.key.printhead.to_string());
-        NotJudged { printhead, what, ..NotJudged::default() }
+        NotJudged::of_printhead(&of.key.printhead, what)
     });
     told.collect()
 }
@@ -82,7 +81,7 @@ impl HeadClock {
     }
 
     fn step_in_words(&self, name: &str) -> Option<String> {
-        let Some(Step { before_ns, expected_ns, after_ns }) = self.largest else {
+        let Some(Step { before_ns, expected_ns, after_ns, is_of_records }) = self.largest else {
             let forward = self.against_log.forward()?;
             let (by, to) = (duration(forward.by_ns), clock(forward.to_ns));
             return Some(format!(
@@ -96,9 +95,14 @@ impl HeadClock {
             1 => String::new(),
             n => format!("; it was set {n} times, this was the largest step"),
         };
+        // a recorder whose clock was set, too, looks like parts of a recording in another order
+        let order = match is_of_records {
+            true => ". If the recording was put together of parts, `mcap sort` puts them in order",
+            false => "",
+        };
         Some(format!(
             "the clock of {name} went {way} by {by} after {}{times}: faults are followed up to there, and anew from \
-             there on",
+             there on{order}",
             clock(before_ns)
         ))
     }

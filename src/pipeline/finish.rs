@@ -9,7 +9,8 @@
 
 use super::clock_words;
 use super::metadata::{self, Document};
-use super::recording_report::{RecordingReport, note_not_judged};
+use super::not_judged;
+use super::recording_report::RecordingReport;
 use super::run::Run;
 use super::tally::{Counts, Tally};
 use super::timings::PhaseTiming;
@@ -81,7 +82,7 @@ impl Run<'_> {
             damage,
             refusals: std::mem::take(&mut judges.refusals),
             not_judged: Vec::new(),
-            unread: Vec::new(),
+            unread: results.topics.told(recording),
             odd_times,
             wrong_times,
             moved,
@@ -104,7 +105,7 @@ impl Run<'_> {
             let at_once = of.at_once.longest().filter(|_| !report.has_moved(name));
             report.warnings.extend(at_once.map(|of| (name.clone(), of.in_words())));
         }
-        note_not_judged(&mut report, (replay, recording), &judges);
+        not_judged::note(&mut report, (replay, recording), &judges);
 
         // 5. the tables, with the document in their metadata, completed on disk
         let counts = &report.tally.counts;
@@ -127,7 +128,7 @@ impl Run<'_> {
 
         report.summary(&mut document.of_run, recording);
 
-        // 7. the names; the summary comes last, as it says that all files are there
+        // 6. the names; the summary comes last, as it says that all files are there
         if let Some(verdicts) = verdicts {
             files.push(complete_summary(verdicts, &document)?);
             name_all(files)?;

@@ -30,6 +30,7 @@ use inkling_core::burst::Burst;
 use inkling_core::design::{
     Design, HealthyModel, Judge, OwnBasis, OwnChannels, Workspace, ring_from, tuned,
 };
+use inkling_core::model::median::median_of;
 use inkling_core::state::{Features, Head as State, HeadMemory, Look, OwnLevel, SweepOutcome};
 use inkling_core::verdict::Reason;
 use std::sync::Arc;
@@ -190,7 +191,10 @@ impl Head {
         let followed = self.state.channels.len();
         let outcome = self.state.sweep(t_ns, &looks, no_rings);
         by.room = (by.room + followed).saturating_sub(self.state.channels.len());
-        self.movement.note_scatter(t_ns, &self.state);
+        // a window tells too little of how channels differ to say that they have moved apart since
+        if self.judge.unmoved.model.valid_from_ns.is_none() {
+            self.movement.note_scatter(t_ns, &self.state);
+        }
         self.movement.swapped_ns = self.state.swapped_ns;
         let is_strange = matches!(outcome, SweepOutcome::Strange { .. });
         self.is_level = matches!(outcome, SweepOutcome::Level { .. }) && !all_frozen;
@@ -199,7 +203,7 @@ impl Head {
         let judge = match outcome {
             _ if all_frozen => Err(Reason::Frozen),
             SweepOutcome::Strange { level } if is_remembered || self.strange >= IN_A_ROW => {
-                self.movement.note_strange(t_ns, level);
+                self.movement.note_strange(t_ns, level, median_of(looks.iter().map(|of| of.drive)));
                 Err(Reason::HeadChanged)
             }
             // the recording may be a library of bursts of one fault: a few strange sweeps are judged

@@ -4,15 +4,16 @@
 //! ([`HeadClock::hear`]). Out: whether a burst stands in the order of time ([`Standing`]).
 //!
 //! A burst is *late* if it is earlier than the latest one before it by more than the reorder time, and a *stray* if it
-//! lies apart from it by more than `JUMP_NS`, earlier or later. Both are judged by what is known, and teach nothing;
-//! faults are followed over late ones, for which they are put in order. After `STEADY` such moments in a row that
-//! follow each other in order the clock was set: there a new stretch of the same printhead begins. A file whose chunks
-//! are in no order tells nothing of clocks.
+//! lies apart from it by more than `JUMP_NS`, earlier or later, or if it is dated so far ahead of its record that no
+//! pause explains it. Both are judged by what is known, and teach nothing; faults are followed over late ones, for which
+//! they are put in order. After `STEADY` such moments in a row that follow each other in order the clock was set: there a
+//! new stretch of the same printhead begins. But where they go on from before a leap (a pause, as it seemed), after fewer
+//! moments than that, what came after the leap was astray. A file whose chunks are in no order tells nothing of clocks.
 
 use super::groups::GroupKey;
 use super::log_clock::LogClock;
-use super::numbers::{JUMP_NS, STEADY};
-use super::recording_report::NotJudged;
+use super::not_judged::NotJudged;
+use super::numbers::{DELAY_NS, DIFFER_NS, JUMP_NS, STEADY};
 use crate::report::WrongStretch;
 use inkling_core::burst::Burst;
 use inkling_io::recording::Recording;
@@ -82,6 +83,17 @@ impl Stretch {
         (-reorder_ns..=jump_ns).contains(&after)
     }
 
+    /// This one, and then another.
+    fn joined(self, with: Stretch) -> Stretch {
+        Stretch {
+            first_ns: self.first_ns,
+            latest_ns: self.latest_ns.max(with.latest_ns),
+            moments: self.moments.saturating_add(with.moments),
+            bursts: self.bursts + with.bursts,
+            widest_ns: self.widest_ns.max(with.widest_ns),
+        }
+    }
+
     fn add(&mut self, t_ns: i64) {
         self.moments = self.moments.saturating_add(u32::from(t_ns > self.latest_ns));
         self.widest_ns = self.widest_ns.max(t_ns.saturating_sub(self.latest_ns));
@@ -97,12 +109,30 @@ pub(super) struct Step {
     pub(super) before_ns: i64,
     pub(super) expected_ns: i64,
     pub(super) after_ns: i64,
+    /// Whether the records' times went back with it: then the file may be in another order.
+    pub(super) is_of_records: bool,
 }
 
 impl Step {
     fn by_ns(&self) -> u64 {
         self.after_ns.abs_diff(self.expected_ns)
     }
+}
+
+/// A longer time between two bursts than clocks differ by: a pause, or the clock of what follows is wrong.
+#[derive(Clone, Copy, Debug)]
+struct Leap {
+    before: Stretch,
+    to_ns: i64,
+}
+
+/// What the time of its record says of a burst's time.
+#[derive(Clone, Copy, Debug, Default)]
+struct ByRecord {
+    /// It is dated ahead, if it comes after a leap.
+    is_ahead: bool,
+    /// It went back by as much as the burst did.
+    is_back: bool,
 }
 
 #[derive(Clone, Debug)]
@@ -115,6 +145,10 @@ pub struct HeadClock {
     /// The bursts of the present stretch, and those that came last and are late or strays.
     pub(super) stretch: Option<Stretch>,
     aside: Option<Stretch>,
+    /// The last leap within the present stretch.
+    leap: Option<Leap>,
+    /// Both times of the last burst in order, ns.
+    last: (i64, i64),
     /// Number of strays, and the times of the first and last of them in the file, ns.
     pub(super) strays: u64,
     pub(super) strays_at: Option<(i64, i64)>,
@@ -140,6 +174,8 @@ impl HeadClock {
             bursts: 0,
             stretch: None,
             aside: None,
+            leap: None,
+            last: (0, 0),
             strays: 0,
             strays_at: None,
             strays_ns: Vec::new(),
@@ -154,28 +190,47 @@ impl HeadClock {
 
     /// Takes in the next burst in the file.
     pub fn hear(&mut self, burst: &Burst) -> Standing {
-        self.against_log.hear(burst.t_acq_ns, burst.logged_ns);
-        self.stand(burst.t_acq_ns)
+        let (t_ns, logged_ns) = (burst.t_acq_ns, burst.logged_ns);
+        let (before_ns, before_logged_ns) = self.last;
+        let by_ns = t_ns.saturating_sub(before_ns);
+        let of_record_ns = logged_ns.saturating_sub(before_logged_ns);
+        let record = ByRecord {
+            is_ahead: self.against_log.is_ahead(t_ns, logged_ns),
+            is_back: by_ns < 0 && by_ns.abs_diff(of_record_ns) <= DELAY_NS,
+        };
+        self.against_log.hear(t_ns, logged_ns);
+        let standing = self.stand(t_ns, record);
+        if matches!(standing, Standing::InOrder | Standing::Set) {
+            self.last = (t_ns, logged_ns);
+        }
+        if standing == Standing::Set {
+            self.against_log.set();
+        }
+        standing
     }
 
-    fn stand(&mut self, t_ns: i64) -> Standing {
+    fn stand(&mut self, t_ns: i64, record: ByRecord) -> Standing {
         self.bursts += 1;
         let Some(stretch) = &mut self.stretch else {
             self.stretch = Some(Stretch::of(t_ns));
             return Standing::InOrder;
         };
-        if stretch.continues_with(t_ns, self.order.reorder_ns, self.jump_ns) {
+        let since = t_ns.saturating_sub(stretch.latest_ns);
+        let leaps = since > DIFFER_NS as i64;
+        let is_ahead = record.is_ahead && leaps;
+        if !is_ahead && stretch.continues_with(t_ns, self.order.reorder_ns, self.jump_ns) {
+            if leaps {
+                self.leap = Some(Leap { before: *stretch, to_ns: t_ns });
+            }
             stretch.add(t_ns);
             if let Some(aside) = self.aside.take() {
                 self.set_aside(aside);
             }
             return Standing::InOrder;
         }
-        let since = t_ns.saturating_sub(stretch.latest_ns);
-        let apart = if since.unsigned_abs() > self.jump_ns as u64 {
-            Standing::Stray
-        } else {
-            Standing::Late
+        let apart = match is_ahead || since.unsigned_abs() > self.jump_ns as u64 {
+            true => Standing::Stray,
+            false => Standing::Late,
         };
         if self.order.is_shuffled {
             self.set_aside(Stretch::of(t_ns));
@@ -196,29 +251,29 @@ impl HeadClock {
             self.aside = Some(aside);
             return apart;
         }
-        self.set_to(aside);
+        self.set_to(aside, record.is_back);
         Standing::Set
     }
 
     /// Counts bursts that came after those of `self.stretch`: as strays, or as late.
     fn set_aside(&mut self, of: Stretch) {
-        if let Some(here) = self.stretch.filter(|here| !self.is_apart(here, &of)) {
-            self.late += of.bursts;
-            self.latest_ns = self.latest_ns.max(here.latest_ns.abs_diff(of.first_ns));
+        match self.stretch.filter(|here| !self.is_apart(here, &of)) {
+            Some(here) => {
+                self.late += of.bursts;
+                self.latest_ns = self.latest_ns.max(here.latest_ns.abs_diff(of.first_ns));
+            }
+            None => self.stray(of),
         }
-        self.stray(of);
     }
 
     fn is_apart(&self, here: &Stretch, of: &Stretch) -> bool {
         let apart = of.latest_ns.abs_diff(here.first_ns).min(of.first_ns.abs_diff(here.latest_ns));
-        apart > self.jump_ns as u64
+        // what came late is earlier; a burst in order that was put aside was dated ahead of its record
+        apart > self.jump_ns as u64 || of.first_ns > here.latest_ns
     }
 
     /// Counts what is dated apart from `self.stretch`.
     fn stray(&mut self, of: Stretch) {
-        if !self.stretch.is_some_and(|here| self.is_apart(&here, &of)) {
-            return;
-        }
         self.strays += of.bursts;
         if self.strays_ns.len() < MOST_STEPS {
             self.strays_ns.push([of.first_ns, of.latest_ns]);
@@ -227,11 +282,21 @@ impl HeadClock {
         *to_ns = of.latest_ns;
     }
 
-    /// Goes on with bursts that lay aside. What came before was itself astray if it was as short.
-    fn set_to(&mut self, aside: Stretch) {
+    /// Goes on with bursts that lay aside. What came before was itself astray if it was as short. `is_of_records`: whether
+    /// the records' times went back with them.
+    fn set_to(&mut self, aside: Stretch, is_of_records: bool) {
         // whoever prints once a week is not astray the next time
         self.jump_ns = self.jump_ns.max(aside.widest_ns.saturating_mul(2));
-        let Some(before) = self.stretch.replace(aside) else { return };
+        let Some(mut before) = self.stretch.replace(aside) else { return };
+        if let Some(Leap { before: here, to_ns }) = self.leap.take()
+            && before.moments - here.moments < STEADY
+            && here.continues_with(aside.first_ns, self.order.reorder_ns, DIFFER_NS as i64)
+        {
+            self.stretch = Some(here.joined(aside));
+            let moments = before.moments - here.moments;
+            before =
+                Stretch { first_ns: to_ns, moments, bursts: before.bursts - here.bursts, ..before };
+        }
         if before.moments < STEADY {
             self.stray(before);
             return;
@@ -243,6 +308,7 @@ impl HeadClock {
             before_ns: before.latest_ns,
             expected_ns: before.latest_ns.saturating_add(apart),
             after_ns: aside.first_ns,
+            is_of_records,
         };
         if step.after_ns < step.expected_ns && self.wrong.len() < MOST_STEPS {
             self.wrong.push(WrongStretch {
@@ -281,8 +347,7 @@ impl HeadClock {
     /// What was odd about the times, for the report.
     pub(super) fn told(mut self) -> Option<NotJudged> {
         self.end();
-        let printhead = Some(self.key.printhead.to_string());
-        self.in_words().map(|what| NotJudged { printhead, what, ..NotJudged::default() })
+        self.in_words().map(|what| NotJudged::of_printhead(&self.key.printhead, what))
     }
 }
 
@@ -298,7 +363,7 @@ mod tests {
             key,
             FileOrder { reorder_ns: S / 10, is_of_times: true, is_shuffled: false },
         );
-        let standing = times.into_iter().map(|t| clock.stand(t)).collect();
+        let standing = times.into_iter().map(|t| clock.stand(t, ByRecord::default())).collect();
         (standing, clock.told().map(|of| of.what))
     }
 
@@ -312,6 +377,32 @@ mod tests {
             let way = if by < 0 { "back" } else { "forward" };
             assert!(said.as_ref().unwrap().contains(way), "{said:?}");
         }
+    }
+
+    #[test]
+    fn a_few_bursts_that_are_dated_ahead_are_strays_and_no_clock_was_set() {
+        // by their own times alone: what follows goes on from before the leap
+        for (astray, ahead) in [(30..31, 3600 * S), (30..33, 600 * S), (0..1, 3600 * S)] {
+            let at =
+                |i: i64| 1_700_000_000 * S + i * S + if astray.contains(&i) { ahead } else { 0 };
+            let (_, said) = heard((0..100).map(at));
+            let said = said.unwrap_or_default();
+            let of = astray.end - astray.start;
+            assert!(said.starts_with(&format!("{of} of 100 bursts")), "{said}");
+            assert!(!said.contains("the clock"), "{said}");
+        }
+        // by the times of their records, at once
+        let key = GroupKey::of(&Default::default());
+        let order = FileOrder { reorder_ns: S / 10, is_of_times: true, is_shuffled: false };
+        let mut clock = HeadClock::new(key, order);
+        let mut hear = |i: i64| {
+            let logged_ns = 1_700_000_000 * S + i * S;
+            let t_acq_ns = logged_ns + if i == 30 { 3600 * S } else { 0 };
+            clock.hear(&Burst { t_acq_ns, logged_ns, ..Burst::default() })
+        };
+        let standing: Vec<Standing> = (0..100).map(&mut hear).collect();
+        assert_eq!(standing.iter().filter(|of| **of != Standing::InOrder).count(), 1);
+        assert_eq!(standing[30], Standing::Stray);
     }
 
     #[test]

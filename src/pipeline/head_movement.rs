@@ -44,6 +44,8 @@ pub struct HeadMovement {
     pub replaced: Vec<ReplacedChannel>,
     /// The level of the first rejected sweep: ln amplitude, ln damping, ln frequency, phase in rad.
     pub strange_at: Option<[f64; 4]>,
+    /// The drive with which it was recorded, over the design's.
+    pub strange_drive: Option<f64>,
 }
 
 /// A channel that was replaced, and how its ring differs from before: relative changes, .1 is 10 % more.
@@ -132,8 +134,9 @@ impl HeadMovement {
     }
 
     /// Notes a sweep that was rejected because most channels lay at `level`, where this head never was.
-    pub fn note_strange(&mut self, t_ns: i64, level: Features) {
+    pub fn note_strange(&mut self, t_ns: i64, level: Features, drive: f64) {
         self.strange += 1;
+        self.strange_drive.get_or_insert(drive);
         self.strange_since_ns.get_or_insert(t_ns);
         self.strange_at.get_or_insert(level.into());
     }
@@ -154,11 +157,18 @@ impl HeadMovement {
             )
         });
         let strange = self.strange_since_ns.zip(self.strange_at).map(|(since_ns, level)| {
+            // amplitudes are counted per unit drive, so that a drive in another unit looks like another gain
+            let drive = self.strange_drive.filter(|of| (of.ln() + level[0]).abs() < LITTLE);
+            let drive = drive.map_or(String::new(), |of| {
+                let times = significant(of, 3);
+                format!(" (a drive of {times} times the design's was recorded: in another unit?)")
+            });
             format!(
-                "from {} on most channels ring as this printhead never did: {} times as large, damping \
-                 {:+.0} %, resonance {:+.1} %, phase {:+.0}°; those signals are rejected (head_changed). Look at \
-                 wiring, gain, drive and clock; for another printhead of that name train a design, or give another \
-                 --baseline file",
+                "most channels ring as this printhead never did, in {} passes over its channels from {} on: {} times as \
+                 large{drive}, damping {:+.0} %, resonance {:+.1} %, phase {:+.0}°; those signals are rejected \
+                 (head_changed). Look at wiring, gain, drive and clock; for another printhead of that name train a \
+                 design, or judge it by --identify windows",
+                self.strange,
                 at(since_ns),
                 significant(level[0].exp(), 3),
                 100.0 * level[1].exp_m1(),
@@ -185,7 +195,7 @@ impl HeadMovement {
         let no_rings = self.no_rings_since_ns.filter(|_| self.size.is_none()).map(|since_ns| {
             format!(
                 "from {} on most of its signals hold more than the ring that the design knows, such as noise, hum or another \
-                 form: where the printhead is is not known, and faults may pass; look at amplifier, cable and supply",
+                 form: what all its channels have in common is not known, and faults may pass; look at amplifier, cable and supply",
                 at(since_ns)
             )
         });

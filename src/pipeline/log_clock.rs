@@ -98,6 +98,19 @@ impl LogClock {
         }
     }
 
+    /// Whether a burst is dated ahead by more than two clocks differ, where bursts before it had one lead for long. A
+    /// burst that is recorded late is dated behind, and its clock is right.
+    pub fn is_ahead(&self, t_ns: i64, logged_ns: i64) -> bool {
+        let steady = self.lead.filter(SteadyLead::is_long);
+        let more = |of: SteadyLead| t_ns.saturating_sub(logged_ns).saturating_sub(of.lead_ns);
+        steady.is_some_and(|of| more(of) > DIFFER_NS as i64)
+    }
+
+    /// The clock was set, by what the bursts say themselves: their lead is another one from now on.
+    pub fn set(&mut self) {
+        self.lead = self.aside.take().or(self.lead);
+    }
+
     /// The largest step forward that is shorter than those that bursts tell themselves.
     pub fn forward(&self) -> Option<Forward> {
         self.forward.filter(|step| step.by_ns <= JUMP_NS as u64)

@@ -21,7 +21,7 @@
 //!
 //! ```text
 //! the run          replay (ways to judge)  run (what is asked)  wiring (threads, queues)
-//!                  finish recording_report metadata (what is left at the end)
+//!                  finish recording_report not_judged metadata (what is left at the end)
 //! stages           stages (six loops)  batches (what crosses queues)  in_flight (bounds, order)
 //!   1 reader       pacer (--pace)
 //!   2 identify     who judges: groups judges (survey sample healthy_window)
@@ -31,7 +31,7 @@
 //!   5 isolate      isolator  rings (fits)  rows
 //!   6 writer       episodes  tally  at_once
 //! numbers          numbers (what nobody derived)
-//! warnings         head_movement temperature_check at_once ring_look
+//! warnings         head_movement temperature_check topic_overlap at_once ring_look
 //! other passes     visit (bursts of a recording)  collect (signals to learn from)
 //! many recordings  resume (what is finished)  chain (--baseline: in which order)
 //! ```
@@ -58,6 +58,7 @@ pub mod judges;
 mod log_clock;
 mod metadata;
 mod moved_judge;
+mod not_judged;
 mod numbers;
 mod own_levels;
 pub mod pacer;
@@ -74,11 +75,13 @@ mod sweep;
 pub mod tally;
 mod temperature_check;
 pub mod timings;
+mod topic_overlap;
 pub mod visit;
 mod wiring;
 
 pub use crate::report::rfc3339;
-pub use recording_report::{RecordingReport, nobody_reads};
+pub use not_judged::nobody_reads;
+pub use recording_report::RecordingReport;
 pub use replay::{follow, is_same, judge, replay};
 pub use run::{EpisodeEvent, Replay, Watch};
 

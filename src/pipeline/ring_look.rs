@@ -1,10 +1,10 @@
 //! Looks at a recording's first bursts: whether they are ring-downs as they are laid out, whether they ring at
 //! frequencies at which printheads do, whether something clipped them, and whether they are copies of each other.
 //!
-//! In: a recording, from `recording_report` and from `inspect`. Out: a [`Doubt`] for each printhead whose signals speak
+//! In: a recording, from `not_judged` and from `inspect`. Out: a [`Doubt`] for each printhead whose signals speak
 //! against their layout, sample period or number format, are clipped or copies ([`doubts`]), before faults are made of
-//! that. Where a design judges, layout and period are not looked at, and fewer bursts for the rest. Printheads whose
-//! bursts come later than the first blocks are not looked at. No signal is judged by it.
+//! that. Where a design judges, layout and period are only looked at where its ring is not found, and fewer bursts for the
+//! rest. Printheads whose bursts come later than the first blocks are not looked at. No signal is judged by it.
 //!
 //! A layout is doubted if neighbouring samples of a channel hardly correlate; also if it is implausible, since channels
 //! have little in common, and the exchanged one is plausible ([`RowLayout`]). A sample period is wrong if the mean signal would
@@ -47,13 +47,33 @@ pub struct Doubt {
     pub is_settled_by_design: bool,
 }
 
-/// `has_design`: whether a design judges, which knows how its signals lie and how far apart their samples are.
-pub fn doubts(recording: &Recording, has_design: bool) -> Vec<Doubt> {
+/// What a design says of signals, before they are looked at.
+#[derive(Clone, Copy, Debug)]
+pub enum Known<'a> {
+    /// There is no design.
+    Nothing,
+    /// How signals lie, and how far apart their samples are, but of these printheads, in which its ring is not found.
+    But(&'a [&'a str]),
+}
+
+impl Known<'_> {
+    /// How the signals of a printhead lie, and how far apart their samples are.
+    fn knows(self, printhead: &str) -> bool {
+        match self {
+            Known::Nothing => false,
+            Known::But(others) => !others.contains(&printhead),
+        }
+    }
+}
+
+pub fn doubts(recording: &Recording, by_design: Known) -> Vec<Doubt> {
+    let has_design = matches!(by_design, Known::But(_));
     let most = if has_design { FEW_BURSTS } else { MOST_BURSTS };
     let doubt = |(printhead, bursts): (String, Vec<Burst>)| {
         let of_ring = || of_layout(&bursts).or_else(|| of_period(&bursts));
-        if let Some(what) = if has_design { None } else { of_ring() } {
-            return Some(Doubt { printhead, what, is_of_most: true, is_settled_by_design: true });
+        if let Some(what) = if by_design.knows(&printhead) { None } else { of_ring() } {
+            let is_settled_by_design = !has_design;
+            return Some(Doubt { printhead, what, is_of_most: true, is_settled_by_design });
         }
         match of_format(&bursts).or_else(|| of_clipping(&bursts)) {
             Some(what) => {

@@ -24,6 +24,7 @@ use super::pacer::Pacer;
 use super::statistics::Statistics;
 use super::temperature_check::TemperatureCheck;
 use super::timings::Clock;
+use super::topic_overlap::TopicOverlap;
 use super::{Control, Result, locked, rows};
 use crate::settings::Settings;
 use crossbeam_channel::{Receiver, Sender};
@@ -129,8 +130,8 @@ pub fn read(
 }
 
 /// Stage 2, identify: finds the judge of every burst, from a healthy window where no design knows its printhead
-/// (thesis 3-1), and follows the head and its channels from there. A burst waits until its sweep is over (`sweep`), and its batch until all of its bursts have
-/// judges. Batches leave in the recording's order. The only stage with a state; it has one worker.
+/// (thesis 3-1), and follows the head and its channels from there. A burst waits until its sweep is over (`sweep`), and
+/// its batch until all of its bursts have judges. Batches leave in the recording's order. The only stage with a state; it has one worker.
 pub fn identify(
     deciding: &mut JudgeAssignment,
     in_flight: &InFlight,
@@ -174,6 +175,7 @@ pub struct JudgeAssignment<'a> {
     /// By the number of the group.
     pub clocks: Vec<HeadClock>,
     pub temperatures: TemperatureCheck,
+    pub topics: TopicOverlap,
     /// Follows the heads; `None`: each signal is judged by the models as they are.
     pub following: Option<Heads<'a>>,
 }
@@ -211,6 +213,7 @@ impl JudgeAssignment<'_> {
         };
         let judge = self.judges.of(group, &self.groups, burst, read)?;
         let standing = self.clock(group, burst).hear(burst);
+        self.topics.hear(group, burst);
         let slot = Slot { standing, ..slot };
         if let Some(heads) = &mut self.following {
             heads.hear(group, burst, given);

@@ -7,12 +7,15 @@
 //! A *moment* is one time of acquisition t_a. Several bursts of a printhead may share it, for a logger may
 //! divide the channels of one moment into messages as it likes. A channel is *heard* when a burst holds it.
 //!
-//! A sweep ends with a moment that holds all channels that were known before the sweep. If no moment does,
-//! it ends before the moment in which one of its channels is heard again; or before a burst that comes more
-//! than [`MOST_NS`] after its begin; or when the recording goes on for as long without it; or when more than [`MOST_SAMPLES`] samples of all
-//! printheads were heard since its begin. None of this depends on how a moment's channels are divided into
-//! messages, unless one moment alone holds more than [`MOST_SAMPLES`]. `heads` also ends a sweep where the
-//! clock was set, and at the end of the recording.
+//! A sweep ends with a moment that holds all channels that were known before the sweep. If no moment does, it ends
+//! * before the moment in which one of its channels is heard again;
+//! * before a burst that comes more than [`MOST_NS`] after its begin;
+//! * when the recording goes on for as long without it;
+//! * when more than [`MOST_SAMPLES`] samples of all printheads were heard since its begin;
+//! * where the clock was set, and at the end of the recording (`heads` sees to that).
+//!
+//! None of this depends on how a moment's channels are divided into messages, unless one moment alone holds more
+//! than [`MOST_SAMPLES`].
 
 use super::batches::Slot;
 use super::channel_subset::ChannelStretches;

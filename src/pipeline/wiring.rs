@@ -18,6 +18,7 @@ use super::stages::{self, BlockQueue, JudgeAssignment};
 use super::tally::Tally;
 use super::temperature_check::TemperatureCheck;
 use super::timings::{Clock, StageTiming, Timings};
+use super::topic_overlap::TopicOverlap;
 use super::visit::Pass;
 use super::{PipelineError, Result};
 use crossbeam_channel::{Receiver, bounded};
@@ -54,6 +55,7 @@ pub struct StageResults<'a> {
     pub digest: Digest,
     /// Printheads judged at temperatures that no model knows, and that were not followed.
     pub temperatures: TemperatureCheck,
+    pub topics: TopicOverlap,
     /// How all channels of printheads moved together, where there is something to tell.
     pub moved: Vec<HeadMovement>,
     pub memory: Option<Memory>,
@@ -106,6 +108,7 @@ impl Run<'_> {
             order: FileOrder::of(recording),
             clocks: Vec::new(),
             temperatures: TemperatureCheck::default(),
+            topics: TopicOverlap::default(),
             following,
         };
         let workers = replay.workers();
@@ -164,7 +167,7 @@ impl Run<'_> {
         // 4. what is left behind
         let ((scan_damage, digest), timings) = (queue.finish()?, timings.stages());
         let Tables { episodes, table, .. } = tables;
-        let JudgeAssignment { judges, clocks, mut temperatures, following, .. } = deciding;
+        let JudgeAssignment { judges, clocks, mut temperatures, topics, following, .. } = deciding;
         let episodes = episodes.finish()?;
         // what temperature does to followed printheads is part of their level
         temperatures.forget(following.iter().flat_map(Heads::followed));
@@ -179,6 +182,7 @@ impl Run<'_> {
             timings,
             digest,
             temperatures,
+            topics,
             moved: following.as_ref().map_or(Vec::new(), Heads::movements),
             memory: following.as_ref().and_then(Heads::memory),
         })

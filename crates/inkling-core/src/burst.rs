@@ -76,6 +76,8 @@ pub struct Burst {
     pub t_acq_ns: i64,
     /// When it was recorded, ns since the epoch, by the clock of the recorder (MCAP's log time).
     pub logged_ns: i64,
+    /// Number of the topic that it came by (MCAP's channel id).
+    pub topic: u16,
     pub printhead: Arc<str>,
     /// Channel number of the first row; the next rows count on.
     pub first_channel: u32,

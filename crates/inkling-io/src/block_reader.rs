@@ -188,7 +188,11 @@ impl BlockReader {
                             let message = open.records.slice(data.clone());
                             census.see_message(header, &self.channels, &to.to, message);
                         }
-                        if let Some(acquisition) = self.decode(to, header, &open.records, data) {
+                        if let Some(mut acquisition) = self.decode(to, header, &open.records, data)
+                        {
+                            if let Acquisition::Usable(burst) = &mut acquisition {
+                                burst.topic = header.channel_id;
+                            }
                             rows += acquisition.rows();
                             piece.acquisitions.push(acquisition);
                         }

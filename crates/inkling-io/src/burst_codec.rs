@@ -138,6 +138,7 @@ impl BurstDecoder {
         let burst = Burst {
             t_acq_ns: head.t_acq_ns,
             logged_ns,
+            topic: 0,
             printhead: head.printhead.clone(),
             first_channel: message.first_channel,
             channels: message.channels,

@@ -103,8 +103,9 @@ mod tests {
         let burst = |printhead: &str, t_acq_ns: i64, channels: usize| {
             let signals = vec![vec![t_acq_ns as f32, 2.0, -3.0]; channels];
             let of = Burst::of(&signals, 1e-6, Format::S16Le, Layout::ChannelMajor);
+            let topic = 1 + u16::from(printhead == "b");
             let (printhead, logged_ns) = (printhead.into(), t_acq_ns);
-            Burst { printhead, t_acq_ns, logged_ns, temperature_c: Some(31.0), ..of }
+            Burst { printhead, topic, t_acq_ns, logged_ns, temperature_c: Some(31.0), ..of }
         };
         let bursts = [burst("a", 5, 2), burst("b", 6, 1), burst("a", 7, 3)];
         let recording = of_bursts("x", &bursts).unwrap();

@@ -145,6 +145,11 @@ impl Recording {
         }
     }
 
+    /// The topic of a number ([`Burst::topic`](inkling_core::burst::Burst)); `None`: the summary does not name it.
+    pub fn topic(&self, number: u16) -> Option<&str> {
+        self.channels.described(number).map(|(channel, _)| channel.topic.as_str())
+    }
+
     pub(super) fn is_indexed(&self) -> bool {
         self.data_end.is_some()
     }

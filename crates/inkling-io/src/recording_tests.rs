@@ -35,6 +35,7 @@ fn burst(i: u32) -> Burst {
     Burst {
         t_acq_ns: 1_000 + i64::from(i),
         logged_ns: i64::from(i),
+        topic: 1 + i as u16 % 2,
         printhead: ["A", "B"][i as usize % 2].into(),
         first_channel: 10 * i,
         temperature_c: Some(f64::from(i)),

@@ -203,6 +203,7 @@ impl<'a> Conversion<'a> {
         Ok(Burst {
             t_acq_ns,
             logged_ns: t_acq_ns,
+            topic: 0,
             printhead,
             first_channel,
             channels,

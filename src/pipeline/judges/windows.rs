@@ -139,7 +139,8 @@ pub fn learn(
     Ok(done)
 }
 
-/// Learns from one window of each group. `last`: index of the last block that holds some of it. Returns the groups that have a model, or no further window, and the others.
+/// Learns from one window of each group. `last`: index of the last block that holds some of it. Returns the groups that
+/// have a model, or no further window, and the others.
 fn learn_from(
     replay: &Replay,
     ahead: &Ahead,

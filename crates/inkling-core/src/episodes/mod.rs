@@ -142,6 +142,12 @@ pub struct Untimely {
     pub t_ns: i64,
 }
 
+impl Untimely {
+    pub fn lost(&self) -> u64 {
+        self.at_one_time + self.too_late
+    }
+}
+
 #[derive(Debug)]
 pub struct TrackerResult {
     /// The episodes that were not yet taken; those still on come last, by printhead and channel.

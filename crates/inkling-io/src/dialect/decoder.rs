@@ -109,6 +109,7 @@ impl DialectDecoder {
         let burst = Burst {
             t_acq_ns: head.t_acq_ns,
             logged_ns: times.log_ns,
+            topic: 0,
             printhead: head.printhead.clone(),
             first_channel: head.first_channel,
             channels,
