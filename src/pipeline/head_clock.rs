@@ -298,7 +298,10 @@ impl HeadClock {
                 Stretch { first_ns: to_ns, moments, bursts: before.bursts - here.bursts, ..before };
         }
         if before.moments < STEADY {
-            self.stray(before);
+            let here = self.stretch.filter(|here| self.is_apart(here, &before));
+            if here.is_some() || before.latest_ns >= aside.first_ns {
+                self.stray(before);
+            }
             return;
         }
         self.steps += 1;
