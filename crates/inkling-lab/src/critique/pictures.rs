@@ -46,7 +46,7 @@ fn stands_out(c: &CovariateFigure) -> f64 {
 /// The figure with room for its legend above the data.
 fn with_room(mut figure: Figure) -> Figure {
     let (low, high) = ends(figure.series.iter().flat_map(|s| &s.points).map(|p| p.1));
-    if figure.y.categories.is_empty() && !figure.y.log && low < high {
+    if !figure.y.log && low < high {
         figure.y.range = Some((low - 0.05 * (high - low), high + 0.4 * (high - low)));
     }
     figure
