@@ -86,21 +86,9 @@ fn print_isolation(report: &Report, out: &mut impl Write) -> std::io::Result<()>
 fn print_calibration(calibration: &Calibration, out: &mut impl Write) -> std::io::Result<()> {
     write!(out, "calibration: ECE {:.4}", calibration.ece)?;
     match calibration.classwise_ece {
-        Some(ece) => writeln!(out, ", class-wise {ece:.4}")?,
-        None => writeln!(out, " (class-wise needs output.weights = true)")?,
+        Some(ece) => writeln!(out, ", class-wise {ece:.4}"),
+        None => writeln!(out, " (class-wise needs output.weights = true)"),
     }
-    let heads = [
-        Column::Words("said", 10),
-        Column::Number("signals", 10),
-        Column::Number("stated", 8),
-        Column::Number("right", 8),
-        Column::Number("ECE", 8),
-    ];
-    let of_class = calibration.by_class.iter().map(|(class, c)| {
-        let [stated, right, ece] = [c.certainty, c.right, c.ece].map(digits);
-        [name(class), c.signals.to_string(), stated, right, ece]
-    });
-    columns(out, heads, of_class)
 }
 
 /// Prints the errors of severities, and how often their 95 % intervals (1.96 standard deviations)

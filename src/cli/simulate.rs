@@ -12,7 +12,7 @@ use inkling_io::file_error::FileError;
 use inkling_io::outputs::ResultFile;
 use inkling_io::recording_writer::{RecordingWriter, WriterOptions};
 use inkling_io::{labels_file, outputs, printable, regular_file, truth_file};
-use inkling_lab::simulate::scenario::{Kind, RecordingOptions};
+use inkling_lab::simulate::scenario::Kind;
 use inkling_lab::simulate::{Scenario, SimulatedRecording, hidden};
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -44,6 +44,9 @@ pub struct Args {
     #[arg(long, value_name = "SEED", conflicts_with = "seed")]
     hide: Option<u64>,
 }
+
+/// Uncompressed size at which a chunk of a recording is closed.
+const CHUNK_BYTES: u64 = 256 << 10;
 
 /// Runs the verb.
 pub fn run(args: Args) -> Result<Exit, Failure> {
@@ -89,19 +92,16 @@ fn write(
     out: &mut impl Write,
 ) -> Result<(), Failure> {
     let path = dir.join(file_name(&recording.stem));
-    let RecordingOptions { compression, chunk_bytes, .. } = recording.options;
-    let options = WriterOptions { compression, chunk_bytes: Some(chunk_bytes) };
+    let compression = recording.options.compression;
+    let options = WriterOptions { compression, chunk_bytes: Some(CHUNK_BYTES) };
     let mut writer = RecordingWriter::create(&path, options).map_err(Failure::new)?;
-    // the number of bursts is known only if both bounds agree
-    let (least, most) = recording.bursts.size_hint();
-    let number = most.filter(|most| *most == least).map(|n| n as u64);
-    let steps = steps(&recording.stem, number, "bursts");
-    let (mut bursts, mut signals) = (0, 0);
+    let bursts = recording.bursts.len() as u64;
+    let steps = steps(&recording.stem, Some(bursts), "bursts");
+    let mut signals = 0;
     for burst in recording.bursts {
         if control.interrupted() {
             return Err(Failure::new("interrupted; the recording at hand was not written"));
         }
-        bursts += 1;
         signals += u64::from(burst.channels);
         writer.write(&burst, burst.t_acq_ns.max(0) as u64).map_err(Failure::new)?;
         steps.inc(1);

@@ -98,21 +98,8 @@ pub fn check_files<'a>(
 }
 
 /// Whether an earlier run wrote a result of this kind there. A file that is empty says nothing of who made it.
-pub fn is_earlier(path: &Path, kind: ResultFile) -> bool {
+fn is_earlier(path: &Path, kind: ResultFile) -> bool {
     matches!(ResultFile::of(path), Ok(Some(there)) if there == kind)
-}
-
-/// Refuses a directory that has files whose names begin with `begin`, unless the caller knows that an earlier
-/// run wrote into it (`is_earlier_run`).
-pub fn check_beside(dir: &Path, begin: &str, is_earlier_run: bool) -> Result<(), FileError> {
-    check_directory(dir)?;
-    let files = dir.read_dir().into_iter().flatten().flatten().map(|entry| entry.path());
-    let name = |path: &Path| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-    let mut theirs = files.filter(|path| path.is_file() && name(path).starts_with(begin));
-    match theirs.next().filter(|_| !is_earlier_run) {
-        Some(path) => Err(of_another(&path, ResultFile::Companion)),
-        None => Ok(()),
-    }
 }
 
 /// Removes an earlier run's files in the given order: the caller names first the file that says

@@ -59,7 +59,7 @@ const MOST_LINE_BYTES: u64 = 4 << 20;
 const BY_KEYS: [(ResultFile, &[&str]); 9] = [
     (ResultFile::Design, &["version", "sample_period_s", "pooled"]),
     (ResultFile::Critique, &["version", "verdict", "causes"]),
-    (ResultFile::Chapter, &["version", "rounds", "conclusions"]),
+    (ResultFile::Chapter, &["version", "rounds", "sets"]),
     (ResultFile::Run, &["version", "totals", "recordings"]),
     (ResultFile::Account, &["version", "statements", "recordings"]),
     (ResultFile::Journal, &["version", "recording", "outcome", "by"]),
@@ -262,7 +262,7 @@ mod tests {
             (br#"{"models": []}"#, Some(Models)),
             (br#"{"version": 2, "design": null, "printheads": {}}"#, Some(Baselines)),
             (br#"{"version": 1, "verdict": "none", "causes": []}"#, Some(Critique)),
-            (br#"{"version": 2, "rounds": 1, "conclusions": {}}"#, Some(Chapter)),
+            (br#"{"version": 3, "rounds": 1, "sets": []}"#, Some(Chapter)),
             (br#"{"version": 2, "totals": {}, "by": 1, "recordings": []}"#, Some(Run)),
             (journal, Some(Journal)),
             (br#"{"version":2,"recor"#, Some(Journal)),

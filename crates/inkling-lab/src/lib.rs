@@ -1,6 +1,6 @@
 //! The parts on which no verdict depends: recordings with known truth are simulated (`simulate`),
-//! verdicts are scored against labels (`score`), the model is criticised (`critique`), chapters 4
-//! and 5 of the thesis are done again (`thesis`), and figures of all these are drawn (`plot`). The
+//! verdicts are scored against labels (`score`), the model is criticised (`critique`), chapter 4 of
+//! the thesis is done again (`thesis`), and figures are drawn (`plot`). The
 //! library `inkling` has the map of the code (`src/lib.rs`) and explains the floors; its verbs call
 //! these rooms.
 

@@ -1,7 +1,6 @@
 //! Figures: one set of axes with points and lines. This is the only place that uses `plotters`.
 //!
-//! In: a `Figure` (title, axes, series, thresholds). Out: with `write` an SVG and the data as CSV under
-//! one name; with `svg` an SVG document for a page.
+//! In: a `Figure` (title, axes, series). Out: an SVG document.
 //!
 //! Beside figures there are [`raster`], pictures made of cells, [`digits`], numbers for readers, and
 //! [`page`], the page that figures stand on.
@@ -17,16 +16,6 @@ use axis::Scale;
 use plotters::coord::Shift;
 use plotters::prelude::*;
 use std::ops::Range;
-use std::path::Path;
-use thiserror::Error;
-
-/// A figure could not be drawn or written to the file at `path`.
-#[derive(Debug, Error)]
-#[error("{path}: {message}")]
-pub struct PlotError {
-    path: String,
-    message: String,
-}
 
 /// How a series is drawn.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -34,7 +23,7 @@ pub enum Mark {
     /// Small, transparent points, for many of them.
     Points,
     Line,
-    /// Large points, which the legend tells apart even on an axis of categories.
+    /// Large points.
     Dots,
     /// The area between a lower edge and an upper one: its points go along one and back along the other.
     /// Where every other series has a band, the band has the colour of its series.
@@ -60,23 +49,15 @@ pub struct Figure {
     pub x: Axis,
     pub y: Axis,
     pub series: Vec<Series>,
-    /// Vertical lines: the place on the x axis and the name of each.
-    pub thresholds: Vec<(f64, String)>,
 }
 
 impl Series {
     pub fn new(name: &str, mark: Mark, points: Vec<(f64, f64)>) -> Series {
         Series { name: name.into(), mark, points }
     }
-
-    /// Samples `y` over the time since the first one, µs.
-    pub fn over_time(name: &str, mark: Mark, y: &[f64], dt_s: f64) -> Series {
-        let points = y.iter().enumerate().map(|(k, &v)| (k as f64 * dt_s * 1e6, v));
-        Series::new(name, mark, points.collect())
-    }
 }
 
-/// Width and height in pixels of a figure that is written.
+/// Width and height of a figure in pixels, where nothing else is asked for.
 pub const SIZE: (u32, u32) = (1000, 640);
 const FONT: &str = "DejaVu Sans";
 /// Colours that can be told apart without colour vision, too (Okabe and Ito 2008), then darker ones.
@@ -94,27 +75,8 @@ const COLOURS: [RGBColor; 10] = [
 ];
 
 impl Figure {
-    /// A figure without vertical lines.
     pub fn new(title: String, x: Axis, y: Axis, series: Vec<Series>) -> Figure {
-        Figure { title, x, y, series, thresholds: Vec::new() }
-    }
-
-    /// A figure of series that are made by [`Series::over_time`]. `y`: the label of the y axis.
-    pub fn over_time(title: String, y: &str, series: Vec<Series>) -> Figure {
-        Figure::new(title, Axis::new("time since acquisition began, µs"), Axis::new(y), series)
-    }
-
-    /// Writes `<name>.svg` and `<name>.csv` into `dir`.
-    pub fn write(&self, dir: &Path, name: &str) -> Result<(), PlotError> {
-        let files =
-            [("csv", Ok(self.csv().into_bytes())), ("svg", self.svg(SIZE).map(String::into_bytes))];
-        for (extension, contents) in files {
-            let path = dir.join(format!("{name}.{extension}"));
-            contents
-                .and_then(|bytes| std::fs::write(&path, bytes).map_err(|e| e.to_string()))
-                .map_err(|message| PlotError { path: path.display().to_string(), message })?;
-        }
-        Ok(())
+        Figure { title, x, y, series }
     }
 
     /// The figure as an SVG document of this width and height, pixels.
@@ -124,47 +86,31 @@ impl Figure {
         Ok(text)
     }
 
-    /// All points as rows `series,x,y`, and after them the thresholds, which have no y.
-    fn csv(&self) -> String {
-        let quoted = |text: &str| format!("\"{}\"", text.replace('"', "\"\""));
-        let mut text = format!("series,{},{}\n", quoted(&self.x.label), quoted(&self.y.label));
-        for series in &self.series {
-            let name = quoted(&series.name);
-            text.extend(series.points.iter().map(|(x, y)| format!("{name},{x},{y}\n")));
-        }
-        text.extend(self.thresholds.iter().map(|(x, what)| format!("{},{x},\n", quoted(what))));
-        text
-    }
-
     fn draw(&self, area: DrawingArea<SVGBackend, Shift>) -> Result<(), String> {
         area.fill(&WHITE).map_err(text)?;
 
-        // The axes: ranges hold all points and thresholds, unless the figure fixes them.
+        // The axes: ranges hold all points, unless the figure fixes them.
         let points = || self.series.iter().flat_map(|s| s.points.iter());
-        let marked = self.thresholds.iter().map(|t| t.0);
-        let x = self.x.scale(points().map(|p| p.0).chain(marked));
+        let x = self.x.scale(points().map(|p| p.0));
         let y = self.y.scale(points().map(|p| p.1));
         let ends = [x.range(), y.range()];
-        // the y axis is as wide as the longest name of a category
-        let names = self.y.categories.iter().map(|c| 24 + 8 * c.len() as u32);
 
         // The frame, the grid, then the series in their order, so that later ones lie above.
         let mut chart = ChartBuilder::on(&area)
             .caption(shown(&self.title), (FONT, 21))
             .margin(14)
             .x_label_area_size(54)
-            .y_label_area_size(names.fold(84, u32::max).min(320))
+            .y_label_area_size(84)
             .build_cartesian_2d(x, y)
             .map_err(text)?;
         self.draw_mesh(&mut chart)?;
         for (series, colour) in self.series.iter().zip(self.colours()) {
             self.draw_series(&mut chart, &ends, series, colour)?;
         }
-        self.draw_thresholds(&mut chart, &ends)?;
 
         // A legend is of use from two names on.
         let named = self.series.iter().filter(|s| !s.name.is_empty()).count();
-        if named + self.thresholds.len() > 1 {
+        if named > 1 {
             chart
                 .configure_series_labels()
                 .position(SeriesLabelPosition::UpperRight)
@@ -188,9 +134,9 @@ impl Figure {
             .x_desc(shown(&self.x.label))
             .y_desc(shown(&self.y.label))
             .x_labels(9)
-            .y_labels(self.y.categories.len().max(8) + 2)
+            .y_labels(10)
             .x_label_formatter(&|v| self.x.tick(*v))
-            .y_label_formatter(&|v| shown(&self.y.tick(*v)))
+            .y_label_formatter(&|v| self.y.tick(*v))
             .draw()
             .map_err(text)
     }
@@ -247,32 +193,13 @@ impl Figure {
             }
         };
         let drawn = drawn.map_err(text)?;
-        // on an axis of categories the names stand on the axis, so no legend repeats them, but for dots
-        let named = self.y.categories.is_empty() || series.mark == Mark::Dots;
-        // points that all lie outside the axes need no legend either
+        // points that all lie outside the axes need no legend
         let is_seen = series.mark != Mark::Points
             || series.points.iter().any(|p| inside(&(self.x.at(p.0), self.y.at(p.1))));
-        if named && is_seen && !series.name.is_empty() {
+        if is_seen && !series.name.is_empty() {
             drawn.label(shown(&series.name)).legend(move |(x, y)| {
                 Rectangle::new([(x, y - 4), (x + 14, y + 4)], colour.filled())
             });
-        }
-        Ok(())
-    }
-
-    /// Draws the vertical lines, dashed, over the whole height.
-    fn draw_thresholds(&self, chart: &mut Chart, ends: &Ends) -> Result<(), String> {
-        for (k, (x, what)) in self.thresholds.iter().enumerate() {
-            // several thresholds belong to the series one by one, and have the colours of these; a
-            // single one is red
-            let colour = if self.thresholds.len() > 1 { COLOURS[k % COLOURS.len()] } else { RED };
-            let (x, style) = (self.x.at(*x), colour.stroke_width(2));
-            let line = DashedLineSeries::new([(x, ends[1].start), (x, ends[1].end)], 8, 5, style);
-            chart
-                .draw_series(line)
-                .map_err(text)?
-                .label(shown(what))
-                .legend(move |(x, y)| PathElement::new([(x, y), (x + 14, y)], style));
         }
         Ok(())
     }
@@ -308,26 +235,20 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_figure_is_two_files_and_its_csv_holds_the_data() {
-        let dir = tempfile::tempdir().unwrap();
-        let line = |name: &str, mark| Series {
-            name: name.into(),
-            mark,
-            points: (1..50).map(|k| (f64::from(k), f64::from(k * k))).collect(),
+    fn a_figure_shows_its_title_and_labels() {
+        let line = |name: &str, mark| {
+            let points = (1..50).map(|k| (f64::from(k), f64::from(k * k)));
+            Series::new(name, mark, points.collect())
         };
         let figure = Figure {
             title: "squares grow".into(),
             x: Axis::new("k"),
-            y: Axis { log: true, ..Axis::new("k², counts") },
-            series: vec![line("a \"b\"", Mark::Line), line("c", Mark::Points)],
-            thresholds: vec![(7.0, "seven".into())],
+            y: Axis::log("k², counts"),
+            series: vec![line("of <a>", Mark::Line), line("of b", Mark::Points)],
         };
-        figure.write(dir.path(), "squares").unwrap();
-        let read = |e: &str| std::fs::read(dir.path().join(format!("squares.{e}"))).unwrap();
-        let svg = String::from_utf8(read("svg")).unwrap();
-        assert!(svg.contains("squares grow") && svg.contains("counts"));
-        let csv = String::from_utf8(read("csv")).unwrap();
-        assert_eq!(csv.lines().count(), 1 + 2 * 49 + 1);
-        assert!(csv.starts_with("series,\"k\",\"k², counts\"\n\"a \"\"b\"\"\",1,1\n"));
+        let svg = figure.svg(SIZE).unwrap();
+        for words in ["squares grow", "k², counts", "of &lt;a&gt;", "of b"] {
+            assert!(svg.contains(words), "{words}");
+        }
     }
 }

@@ -99,19 +99,6 @@ pub struct Calibration {
     pub classwise_ece: Option<f64>,
     /// Per bin: mean of the certainty, share that is right, count.
     pub bins: Vec<(f64, f64, u64)>,
-    /// For each class, over the signals of which it was the candidate.
-    pub by_class: BTreeMap<String, ClassCalibration>,
-}
-
-/// Certainty of the candidates of one class, against how often they were right.
-#[derive(Clone, Debug, Default, Serialize)]
-pub struct ClassCalibration {
-    pub signals: u64,
-    /// Mean certainty.
-    pub certainty: f64,
-    /// Share of the candidates that is right.
-    pub right: f64,
-    pub ece: f64,
 }
 
 /// Detection of signals with one labelled state.
@@ -153,11 +140,9 @@ pub struct Score {
     /// Candidates whose certainty reaches the bound, and those of them whose class is right.
     certain: u64,
     certain_right: u64,
-    /// Bins of the candidate's certainty; of each class's weight, in the order of `classes`; and of
-    /// the candidate's certainty by candidate.
+    /// Bins of the candidate's certainty, and of each class's weight in the order of `classes`.
     bins: [Bin; BINS],
     class_bins: Vec<[Bin; BINS]>,
-    candidate_bins: BTreeMap<String, [Bin; BINS]>,
     unlabelled: u64,
     /// Number of rejected signals, which are not scored.
     pub rejected: u64,
@@ -228,7 +213,6 @@ impl Score {
                 self.certain_right += u64::from(right);
             }
             fill(&mut self.bins, certainty, right);
-            fill(named(&mut self.candidate_bins, candidate), certainty, right);
         }
 
         // The same of every class's weight: the class is right where it is the truth.
@@ -284,29 +268,11 @@ impl Score {
                     .iter()
                     .map(|b| (b.certainty / (b.n.max(1)) as f64, share(b.right, b.n), b.n))
                     .collect(),
-                by_class: self
-                    .candidate_bins
-                    .iter()
-                    .map(|(class, bins)| (class.clone(), ClassCalibration::of(bins)))
-                    .collect(),
             },
             by_state: self.by_state.clone(),
             unlabelled: self.unlabelled,
             rejected: self.rejected,
             ..Report::default()
-        }
-    }
-}
-
-impl ClassCalibration {
-    /// The certainty and the right share of one class, over all bins.
-    fn of(bins: &[Bin; BINS]) -> ClassCalibration {
-        let n: u64 = bins.iter().map(|b| b.n).sum();
-        ClassCalibration {
-            signals: n,
-            certainty: bins.iter().map(|b| b.certainty).sum::<f64>() / n.max(1) as f64,
-            right: share(bins.iter().map(|b| b.right).sum(), n),
-            ece: calibration_error(bins),
         }
     }
 }

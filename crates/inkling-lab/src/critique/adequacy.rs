@@ -1,6 +1,6 @@
 //! Whether the selected model is enough: tests of what it leaves, most of them made without the catalogue.
 //!
-//! In: the selected model with its causes, and what was found in codes and noise. Out: [`Adequacy`], which
+//! In: the selected model with its causes, and what was found in codes and noise. Out: [`Unexplained`], which
 //! says in words what is still significant. Its share of the misfit is L / (L + E), where L is the largest
 //! statistic of what is still significant, and E the sum of the statistics of all that was found.
 //!
@@ -8,7 +8,7 @@
 //! (`without_a_name`). Where statistics of tests do not compare, twice the surprise stands for the statistic.
 
 use super::candidate::Objection;
-use super::candidates::{Applied, Asked, ParameterTest, ScoreTests, Scored, Setting};
+use super::candidates::{Applied, Asked, ParameterTest, ScoreTests, Setting};
 use super::catalogue::{Acts, CATALOGUE, CauseId, RIVALS};
 use super::chance::without_a_name;
 use super::covariates::{DRIVE, NAMES, TEMPERATURE, TIME};
@@ -20,14 +20,8 @@ use super::words::Unexplained;
 /// In the order of `ParameterTest::parameter`.
 const PARAMETERS: [&str; 5] = ["damping", "frequency", "amplitude", "phase", "slow decay"];
 
-/// What the model leaves, and the candidates that it tells of, so that no other remark has to.
-pub struct Adequacy {
-    pub unexplained: Unexplained,
-    pub mentioned: Vec<CauseId>,
-}
-
 /// Tests what is left of the misfit. `setting`: as of the selection.
-pub fn check(selected: &Selected, artefacts: &Artefacts, setting: Setting) -> Adequacy {
+pub fn check(selected: &Selected, artefacts: &Artefacts, setting: Setting) -> Unexplained {
     // all causes are in the nuisance
     let applied: Vec<Applied> = selected.causes.iter().map(|c| c.candidate.form.clone()).collect();
     let nuisances = selected.fitted.spaces.nuisances(&applied);
@@ -39,28 +33,23 @@ pub fn check(selected: &Selected, artefacts: &Artefacts, setting: Setting) -> Ad
     let mut significant = of_artefacts(artefacts);
     significant.extend(of_the_mean(&tests, growth, applied.is_empty()));
     significant.extend(following_covariates(&tests, &owned_covariates(selected)));
-    let mut mentioned = Vec::new();
-    for s in &selected.unnamed {
-        if s.surprise / growth > without_a_name(CATALOGUE.len() as f64) && !is_relative(s, selected)
-        {
-            let what = format!("something like {} ({})", s.id, s.why_not());
-            significant.push((what, s.statistic));
-            mentioned.push(s.id);
-        }
-    }
+    let asked = without_a_name(CATALOGUE.len() as f64);
+    let unable = selected.unnamed.iter().filter(|s| s.surprise / growth > asked);
+    significant.extend(
+        unable.map(|s| (format!("something like {} ({})", s.id, s.why_not()), s.statistic)),
+    );
 
     // codes count as explained, too: the model of clipped or coarse codes is not exact, and bends the mean
     let by_others = artefacts.accepted().map(|f| f.statistic);
     let explained: f64 =
         selected.causes.iter().map(|c| c.candidate.statistic).chain(by_others).sum();
     let largest = significant.iter().map(|(_, statistic)| *statistic).fold(0.0, f64::max);
-    let unexplained = Unexplained {
+    Unexplained {
         significant: significant.into_iter().map(|(what, _)| what).collect(),
         share: largest / (largest + explained).max(1e-300),
         share_allowed: share_allowed(selected, artefacts),
         noted: Vec::new(),
-    };
-    Adequacy { unexplained, mentioned }
+    }
 }
 
 /// What is significant in what is left, in words, and its statistic.
@@ -133,17 +122,6 @@ fn owned_covariates(selected: &Selected) -> Vec<(usize, usize)> {
         owned.push((DRIVE, 0));
     }
     owned
-}
-
-/// Whether a candidate is what the model of a named cause leaves: a cause of the same class; or, if the named
-/// cause acts through the amplitude, another such cause or a line at the ring's frequency.
-fn is_relative(s: &Scored, selected: &Selected) -> bool {
-    let other = s.id;
-    selected.causes.iter().map(|c| c.candidate.id).any(|named| {
-        named.same_class(other)
-            || named.by_amplitude()
-                && (other.by_amplitude() || s.objection == Some(Objection::OwnLine))
-    })
 }
 
 /// Largest share of the misfit that may be left. One cause may leave a share s (`left_by_all`) of what it

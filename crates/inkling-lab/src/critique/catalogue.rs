@@ -6,9 +6,9 @@
 //! parameters and units are the contract's (`schemas/critique.md`): changing them breaks readers of files.
 
 use super::covariates::{Covariates, IDLE, NEIGHBOURS, POSITION, TEMPERATURE, TIME};
+use super::held_out::FEWEST_UNITS;
 use super::observations::Observations;
 use super::tuned::{LAGS, PLACES, SETTLES};
-use crate::critique::unmodelled::Term;
 use inkling_core::model::free_decay::Theta;
 use serde::Serialize;
 use std::fmt;
@@ -52,7 +52,6 @@ pub enum CauseId {
     GainSways,
     TimeBaseSways,
     OwnShape,
-    Drift,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -75,8 +74,6 @@ pub struct Entry {
     /// Values of its second number (place of a stop, lag, rate of settling) that are tried, or, in decays,
     /// from which its search begins; a single 0 if it has none.
     pub seconds: &'static [f64],
-    /// Class of causes that cannot always be told apart.
-    pub class: Option<Class>,
     /// The experiment that tells it from what it may be tied with.
     pub split_by: Experiment,
     /// Whether it can be found in a single oscillator's long decays.
@@ -139,7 +136,6 @@ pub enum Shape {
 
 #[derive(Clone, Copy, Debug)]
 pub struct Motion {
-    pub term: Term,
     /// Power of the drive that the added signal scales with where there is no drive scan. 1: the term is
     /// linear, so it does not act through the amplitude.
     pub power: i32,
@@ -159,15 +155,6 @@ pub enum Per {
     Unit,
     /// From the smallest value of the recording to the largest, as a relative change.
     Span,
-}
-
-/// Classes of causes that may end as a tie.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Class {
-    /// Offset, droop, meniscus: slow in comparison with the ring.
-    Slow,
-    /// Low-pass, fractional damping: both show in the first samples.
-    Early,
 }
 
 /// The experiment that would split a tie. Of those of two causes the first in this order is proposed.
@@ -199,13 +186,12 @@ const MOST: Entry = Entry {
     acts: Acts::Noise,
     free: 0.0,
     seconds: &[0.0],
-    class: None,
     split_by: Experiment::RecordMore,
     in_decays: InDecays::Fitted(None),
 };
 
-const fn motion(term: Term, power: i32, strengths: [f64; 2]) -> Acts {
-    Acts::Mean(Shape::Motion(Motion { term, power, strengths }))
+const fn motion(power: i32, strengths: [f64; 2]) -> Acts {
+    Acts::Mean(Shape::Motion(Motion { power, strengths }))
 }
 
 const fn rates(covariate: usize, moves: Theta, per: Per) -> Acts {
@@ -227,38 +213,38 @@ pub static CATALOGUE: [Entry; 22] = [
     Entry { id: CauseId::Offset, name: "offset", parameter: "offset", unit: "counts",
         words: "the sensor has an offset that does not scale with the drive",
         equation: "+ b",
-        acts: Acts::Mean(Shape::Constant), class: Some(Class::Slow), split_by: Experiment::HalveTheDrive,
+        acts: Acts::Mean(Shape::Constant), split_by: Experiment::HalveTheDrive,
         in_decays: InDecays::Fitted(Some("the sensor has an offset: what it shows at rest is not zero")), ..MOST },
     Entry { id: CauseId::Droop, name: "droop", parameter: "rate", unit: "1/s", needs: Needs::DriveScan,
         words: "the charge amplifier droops (a high-pass that is reset at t_a)",
-        equation: "- w int_0^t e^{-w(t-u)} y(u) du", acts: Acts::Mean(Shape::Droop), class: Some(Class::Slow),
+        equation: "- w int_0^t e^{-w(t-u)} y(u) du", acts: Acts::Mean(Shape::Droop),
         in_decays: INK_CHANNEL, ..MOST },
     Entry { id: CauseId::Meniscus, name: "meniscus", parameter: "compliance_ratio", needs: Needs::DriveScan,
         words: "surface tension in the nozzle pulls the meniscus back",
         equation: "; q_n' gains -(B_t/B_m) V_n/(I_n B_t)",
-        acts: Acts::Mean(Shape::SlowMode), free: 1.0, class: Some(Class::Slow), in_decays: INK_CHANNEL, ..MOST },
+        acts: Acts::Mean(Shape::SlowMode), free: 1.0, in_decays: INK_CHANNEL, ..MOST },
     Entry { id: CauseId::Lowpass, name: "lowpass", parameter: "rate", unit: "1/s",
         words: "the sensor amplifier's low-pass has a transient in the first samples",
         equation: "+ y(0) h e^{-w t}",
-        acts: Acts::Mean(Shape::Transient), free: 1.0, class: Some(Class::Early), split_by: Experiment::StartLater,
+        acts: Acts::Mean(Shape::Transient), free: 1.0, split_by: Experiment::StartLater,
         in_decays: INK_CHANNEL, ..MOST },
     Entry { id: CauseId::SecondMode, name: "second_mode", parameter: "frequency", unit: "Hz", needs: Needs::DriveScan,
         words: "a second mode rings along",
         equation: "+ s e^{-gamma t} (p cos 2 pi f2 t + q sin 2 pi f2 t)", acts: Acts::Mean(Shape::Mode), free: 2.0, ..MOST },
     Entry { id: CauseId::QuadraticDrag, name: "quadratic_drag", parameter: "damping_change", needs: Needs::DriveScan,
         words: "damping grows with amplitude: quadratic drag at the nozzle",
-        equation: "; q_n' gains -k |q_n| q_n", acts: motion(Term::QuadraticDrag, 2, [0.01, 3.0]),
+        equation: "; q_n' gains -k |q_n| q_n", acts: motion(2, [0.01, 3.0]),
         in_decays: InDecays::Fitted(Some("damping grows with amplitude: drag that grows with speed squared")), ..MOST },
     Entry { id: CauseId::DryFriction, name: "dry_friction", parameter: "damping_change", needs: Needs::DriveScan,
         words: "damping grows as the amplitude falls: dry friction",
-        equation: "; q_n' gains -mu sign(q_n)", acts: motion(Term::DryFriction, 0, [0.01, 3.0]), ..MOST },
+        equation: "; q_n' gains -mu sign(q_n)", acts: motion(0, [0.01, 3.0]), ..MOST },
     Entry { id: CauseId::CubicStiffness, name: "cubic_stiffness", parameter: "frequency_change", needs: Needs::DriveScan,
         words: "the frequency changes with amplitude: the stiffness is not linear",
-        equation: "; V becomes V + k3 V^3", acts: motion(Term::CubicStiffness, 3, [0.002, 0.4]), ..MOST },
+        equation: "; V becomes V + k3 V^3", acts: motion(3, [0.002, 0.4]), ..MOST },
     Entry { id: CauseId::FractionalDamping, name: "fractional_damping", parameter: "eta",
         words: "part of the loss is a boundary layer's (half-order damping)",
         equation: "; (1 - eta) R_n q_n + eta R_n omega^{-1/2} D^{1/2} q_n",
-        acts: motion(Term::FractionalDamping, 1, [0.02, 1.0]), class: Some(Class::Early),
+        acts: motion(1, [0.02, 1.0]),
         in_decays: INK_CHANNEL, ..MOST },
     Entry { id: CauseId::Tone, name: "tone", parameter: "frequency", unit: "Hz",
         words: "an interference of fixed phase is added",
@@ -321,13 +307,13 @@ const fn rival(id: CauseId, words: &'static str, shape: Shape) -> Entry {
 /// What is not in the catalogue, and would wrongly get the name of a cause that resembles it. Where a rival
 /// is clearly likelier, the misfit gets no name, and the reader is told what the misfit is like.
 #[rustfmt::skip]
-pub static RIVALS: [Entry; 13] = [
+pub static RIVALS: [Entry; 12] = [
     rival(CauseId::EvenSpring, "a spring of even order",
-        Shape::Motion(Motion { term: Term::EvenStiffness, power: 2, strengths: [0.01, 1.0] })),
+        Shape::Motion(Motion { power: 2, strengths: [0.01, 1.0] })),
     Entry { free: 1.0, seconds: &PLACES, ..rival(CauseId::OneSidedSpring, "a spring that is stiffer on one side",
-        Shape::Motion(Motion { term: Term::Stop { at: 0.0 }, power: 1, strengths: [0.01, 1.0] })) },
+        Shape::Motion(Motion { power: 1, strengths: [0.01, 1.0] })) },
     rival(CauseId::SpringWithGap, "a spring with a gap",
-        Shape::Motion(Motion { term: Term::Gap, power: 0, strengths: [0.002, 0.5] })),
+        Shape::Motion(Motion { power: 0, strengths: [0.002, 0.5] })),
     rival(CauseId::LossFollowsTime, "a damping that changes with time", Shape::Bent(1)),
     Entry { free: 1.0, seconds: &SETTLES, ..rival(CauseId::FrequencyFollowsTime, "a frequency that changes with time",
         Shape::Bent(1)) },
@@ -339,8 +325,6 @@ pub static RIVALS: [Entry; 13] = [
     Entry { free: 1.0, ..rival(CauseId::GainSways, "a gain that sways", Shape::Sways) },
     Entry { free: 1.0, ..rival(CauseId::TimeBaseSways, "a time base that sways", Shape::Sways) },
     rival(CauseId::OwnShape, "a shape of its own", Shape::Own),
-    // in decays alone
-    Entry { id: CauseId::Drift, words: "a zero that drifts", ..MOST },
 ];
 /// The first so many rivals are tried in decays, too.
 pub const IN_DECAYS: usize = 9;
@@ -356,11 +340,6 @@ impl CauseId {
 
     pub fn name(self) -> &'static str {
         self.row().name
-    }
-
-    /// Whether both causes are of one class; a cause of no class has none in common, not even with itself.
-    pub fn same_class(self, other: CauseId) -> bool {
-        self.row().class.is_some() && self.row().class == other.row().class
     }
 
     pub fn follows(self) -> Option<usize> {
@@ -399,7 +378,9 @@ impl Needs {
             Needs::Idle => (idle, "idle_time_s"),
             Needs::Neighbours => (present[NEIGHBOURS], "neighbours_fired, recorded and varied"),
             Needs::Time => (present[TIME], "bursts at several times"),
-            Needs::Channels => (present[POSITION] && data.units >= 6, "six channels or more"),
+            Needs::Channels => {
+                (present[POSITION] && data.units >= FEWEST_UNITS, "six channels or more")
+            }
             Needs::Codes => (data.integer, "whole counts"),
             Needs::SharedBursts => (shared_bursts, "bursts of several channels each"),
         };
@@ -455,10 +436,8 @@ mod tests {
     }
 
     #[test]
-    fn ties_are_of_one_class_and_the_experiment_is_that_of_either() {
+    fn the_experiment_that_splits_a_tie_is_that_of_either() {
         use CauseId::*;
-        assert!(Offset.same_class(Meniscus) && Lowpass.same_class(FractionalDamping));
-        assert!(!Offset.same_class(Lowpass) && !Tone.same_class(Tone));
         let half = "repeat at half the drive voltage: an offset stays, what rings shrinks with it";
         assert_eq!(experiment(Droop, Offset), half);
         assert_eq!(experiment(Offset, Droop), half);

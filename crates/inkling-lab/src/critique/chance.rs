@@ -36,14 +36,16 @@ pub fn surprise(statistic: f64, degrees: usize, tried: f64, dof: f64) -> f64 {
     let ln_p = match degrees {
         1 => ln_upper_tail(x.sqrt()) + 2f64.ln(),
         2 => -x / 2.0,
-        // the cube root of chi-squared over q is nearly normal, Wilson and Hilferty 1931
-        q => {
-            let q = q as f64;
-            let z = ((x / q).cbrt() - (1.0 - 2.0 / (9.0 * q))) / (2.0 / (9.0 * q)).sqrt();
-            ln_upper_tail(z)
-        }
+        q => ln_upper_tail(normal_deviate(x / q as f64, q as f64)),
     };
     (-ln_p - tried.ln()).max(0.0)
+}
+
+/// Chi-squared over its degrees of freedom as a normal deviate: the cube root is nearly normal (Wilson and Hilferty
+/// 1931).
+pub fn normal_deviate(ratio: f64, degrees: f64) -> f64 {
+    let third = 2.0 / (9.0 * degrees);
+    (ratio.max(1e-9).cbrt() - (1.0 - third)) / third.sqrt()
 }
 
 /// -ln of the probability of `found` or more cases where fewer are expected, by the largest term of Poisson's

@@ -20,7 +20,7 @@ use super::chance::THRESHOLD;
 use super::lattice::Lattice;
 use super::model::{Codes, Linear, Model, Rail};
 use super::observations::Observations;
-use super::tuned::CLIPPED_SHARE;
+use super::tuned::{CLIPPED_SHARE, CROWDED};
 use inkling_core::model::normal::ln_upper_tail;
 use std::collections::BTreeMap;
 
@@ -127,9 +127,8 @@ impl Head<'_> {
             }
         }
 
-        // the last code must hold more than half of those that are missing beyond it, and four (a rule of
-        // thumb)
-        let crowded = at_last as f64 > 4.0 + 0.5 * beyond;
+        let [fewest, share] = CROWDED;
+        let crowded = at_last as f64 > fewest + share * beyond;
         // only a share counts: the level is free, and scatter of the largest signals is not modelled
         let surprise: f64 = if crowded { CLIPPED_SHARE * surprise } else { 0.0 };
         let f = Candidate::by_chance(CauseId::Clipping, surprise, level, 0.25 * unit);
@@ -266,27 +265,6 @@ mod tests {
         let [a, b] = &model.codes[..] else { panic!("two converters") };
         assert_eq!((a.rails.len(), a.lattice), (0, Some([3.0, 0.0])));
         assert_eq!((b.rails.len(), b.lattice), (1, None));
-    }
-
-    /// Of two heads of little noise one gives whole counts and one fractions of them.
-    #[test]
-    fn whole_counts_are_no_coarse_step_whatever_another_converter_gives() {
-        let run = Run { channels: 12, bursts: 4, noise: 0.1, ..Run::default() };
-        let mut rng = ChaCha8Rng::seed_from_u64(2);
-        let mut both = Sampler::new(1e-6, usize::MAX);
-        let data = draw(&run, 14);
-        for (i, row) in data.rows.iter().enumerate() {
-            let whole: Vec<f64> = data.signal(i).iter().map(|y| f64::from(*y)).collect();
-            let noise = || 0.1 * Distribution::<f64>::sample(&StandardNormal, &mut rng);
-            let fraction: Vec<f64> =
-                whole.iter().zip(std::iter::repeat_with(noise)).map(|(y, e)| y + e).collect();
-            both.offer("fractions", row.beside, &fraction);
-            both.offer("whole", row.beside, &whole);
-        }
-        let data = both.finish();
-        let mut model = Model::fitted(&data, 1).unwrap();
-        let found = test(&data, &mut model);
-        assert!(!found.iter().any(Candidate::accepted), "{found:?}");
     }
 
     /// Rings that are all alike stand in clusters of codes; those between them are not missing.

@@ -26,9 +26,6 @@ pub const MOVED: usize = ALL + 1;
 /// What so many signals, or channels, take off K is subtracted as one product; only the speed depends on it.
 const AT_A_TIME: usize = 64;
 const STRIP: usize = 64;
-/// What the scatter hides of shapes costs most of the time. So of larger sets only about so many signals
-/// (whole channels, evenly chosen) tell it, and stand for the others: an approximation.
-const MOST_FOR_SCATTER: usize = 1024;
 
 /// Dimension of the space of extensions: a shape's N samples for each of the PATTERNS powers of the drive, and
 /// what each of the COVARIATES may move.
@@ -81,12 +78,10 @@ impl Part {
                 let signal = Whitened::of(&linear, &model.theta(row, data), &off, s, model);
                 for sums in &mut all {
                     sums.add_signal(&signal, powers(s), &data.beside.z[row]);
-                    if sums.tells_scatter(unit) {
-                        sums.hide_behind_signal(&signal, powers(s));
-                    }
+                    sums.hide_behind_signal(&signal, powers(s));
                 }
             }
-            all.iter_mut().for_each(|sums| sums.close_channel(unit));
+            all.iter_mut().for_each(Sums::close_channel);
         }
         all.map(Sums::finish)
     }
@@ -188,10 +183,6 @@ struct Sums<'a> {
     between: Matrix5,
     /// Number of powers of the drive that shapes may scale with; 0: covariates alone.
     patterns: usize,
-    /// One of `stride` channels tells what the scatter hides of shapes; `inflate` scales its columns up to
-    /// all.
-    stride: usize,
-    inflate: f64,
     part: Part,
     /// The sums over the channel whose signals are being added.
     channel: ChannelSums,
@@ -228,15 +219,11 @@ impl<'a> Sums<'a> {
         between: Matrix5,
     ) -> Sums<'a> {
         let (n, d) = (data.samples, dimension(data.samples));
-        let stride = data.len().div_ceil(MOST_FOR_SCATTER).max(1);
-        let chosen_units = data.units.div_ceil(stride);
         Sums {
             model,
             data,
             between,
             patterns,
-            stride,
-            inflate: (data.units as f64 / chosen_units as f64).sqrt(),
             part: Part {
                 k: DMatrix::zeros(d, d),
                 g: DVector::zeros(d),
@@ -252,10 +239,6 @@ impl<'a> Sums<'a> {
         let Sums { mut part, mut hidden, data, .. } = self;
         part.take_off(&mut hidden, PATTERNS * data.samples, 1);
         part
-    }
-
-    fn tells_scatter(&self, unit: usize) -> bool {
-        unit.is_multiple_of(self.stride) && self.patterns > 0
     }
 
     /// Adds one signal to K, to g and to its channel's sums. `powers`: of its drive; `z`: its covariates.
@@ -297,10 +280,13 @@ impl<'a> Sums<'a> {
 
     /// Collects what the scatter from burst to burst hides of shapes: L for each power of the drive.
     fn hide_behind_signal(&mut self, signal: &Whitened, powers: [f64; PATTERNS]) {
-        let (shapes, scale) = (PATTERNS * self.data.samples, self.inflate);
+        if self.patterns == 0 {
+            return;
+        }
+        let shapes = PATTERNS * self.data.samples;
         for column in signal.l.column_iter() {
             for power in powers {
-                self.hidden.extend(column.iter().map(|x| x * power * scale));
+                self.hidden.extend(column.iter().map(|x| x * power));
             }
         }
         self.part.take_off(&mut self.hidden, shapes, AT_A_TIME * FREE);
@@ -309,7 +295,7 @@ impl<'a> Sums<'a> {
     /// Accounts for the scatter between channels once all of a channel's signals are in, by Woodbury's
     /// identity: K -= B S B^T and g -= B S `score`, where B is `cross`, and S = between (1 + H between)^-1
     /// with H = `info`.
-    fn close_channel(&mut self, unit: usize) {
+    fn close_channel(&mut self) {
         let d = self.part.g.len();
         let channel = std::mem::replace(&mut self.channel, ChannelSums::new(d));
         let ChannelSums { info, score, cross, g: mut g_unit } = channel;
@@ -325,11 +311,8 @@ impl<'a> Sums<'a> {
         let f = &cross * square_root(&s);
         g_unit -= &cross * (s * score);
 
-        if self.tells_scatter(unit) {
-            let scale = self.inflate;
-            for column in f.column_iter() {
-                self.hidden.extend(column.rows(0, shapes).iter().map(|x| x * scale));
-            }
+        if self.patterns > 0 {
+            f.column_iter().for_each(|column| self.hidden.extend(column.rows(0, shapes).iter()));
         }
 
         let low = f.rows(shapes, d - shapes).into_owned();

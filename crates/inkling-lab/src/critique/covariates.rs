@@ -22,8 +22,7 @@ pub const COVARIATES: usize = 7;
 
 pub const NAMES: [&str; COVARIATES] =
     ["one", "time", "temperature", "channel", "neighbours", "idle", "drive"];
-/// Units for readers; that of `IDLE` is the unit of the time itself.
-pub const UNITS: [&str; COVARIATES] = ["1", "s", "°C", "1", "1", "s", "V"];
+
 #[derive(Clone, Debug, Default)]
 pub struct Covariates {
     /// Drive relative to the mean drive; 1 where it was not recorded.

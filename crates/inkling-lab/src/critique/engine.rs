@@ -10,24 +10,22 @@
 //! 2. the baseline is fitted (`start`, `scatter`), and codes and noise are tested (`codes`, `ensemble`);
 //! 3. if the noise is correlated, the signals are made white, and their baseline and noise tested anew;
 //! 4. causes that move the expected signal are selected (`selection`);
-//! 5. clipping and noise are tested again beside these causes, and the trigger for the first time (`jitter`);
+//! 5. clipping is tested again beside these causes, and the trigger for the first time (`jitter`);
 //! 6. what is left is judged without the catalogue (`adequacy`);
 //! 7. the gain is measured on held-out signals (`gain`, `worth`);
 //! 8. verdict, remarks and sentences are written.
 //!
-//! Codes and noise come before the causes, because the tests of causes assume white noise; and again after
-//! them, because what a cause does to single signals may look like noise.
+//! Codes and noise come before the causes, because the tests of causes assume white noise.
 
-use super::adequacy::{self, Adequacy};
 use super::autoregression::Autoregression;
 use super::candidate::{Candidate, Objection};
-use super::candidates::{Scored, Setting};
+use super::candidates::Setting;
 use super::catalogue::{Acts, CauseId};
 use super::chance::without_a_name;
 use super::finding::{
     Cause, Critique, Detection, Evidence, NotTestable, Signals, VERSION, Verdict,
 };
-use super::leftovers::{Artefacts, accepted, leave_out, still_there};
+use super::leftovers::{Artefacts, accepted, leave_out};
 use super::model::Model;
 use super::observations::Observations;
 use super::outcome::{self, FEWEST_SAMPLES, FEWEST_SIGNALS, OutlierCount};
@@ -35,7 +33,7 @@ pub use super::outcome::{CritiqueError, Extended, NotExtended, Outcome};
 use super::outliers::{Outliers, outliers};
 use super::selection::{self, Selected};
 use super::words::{cause_sentence, equation, not_worth, ties};
-use super::{codes, decay, ensemble, figures, gain, jitter, work, worth};
+use super::{adequacy, codes, decay, ensemble, figures, gain, jitter, work, worth};
 use inkling_core::numbers::LITTLE;
 use std::f64::consts::TAU;
 
@@ -109,9 +107,9 @@ fn of_ink_channels(all: &Observations, labelled: bool) -> Result<Outcome, Critiq
     let mut causes = causes(&artefacts, &selected, detection == Detection::Better, ln_samples);
     let count = outlier.iter().filter(|o| **o).count();
     let outliers = OutlierCount { signals: count, all: all.len() };
-    let verdict = Verdict::of(&mut causes, &left.unexplained);
+    let verdict = Verdict::of(&mut causes, &left);
     let allowed = outcome::check(&applied, outliers, &gain, verdict);
-    let mut remarks = unexplained(&selected.unnamed, &left);
+    let mut remarks = left.remarks();
     remarks.extend(not_worth(&causes, &gain));
     remarks.extend(caveats(all, outliers, &allowed, causes.is_empty()));
     remarks.extend(ties(&causes));
@@ -119,7 +117,7 @@ fn of_ink_channels(all: &Observations, labelled: bool) -> Result<Outcome, Critiq
     let critique = Critique {
         version: VERSION,
         verdict,
-        sentence: verdict.sentence(&causes, &left.unexplained, detection),
+        sentence: verdict.sentence(&causes, &left, detection),
         equation: equation(&causes),
         // what is named all the same was tested: one of two converters may give what the other lacks
         not_testable: NotTestable::all(|e| {
@@ -198,17 +196,15 @@ impl Prepared {
     ///
     /// The noise is taken for an AR(1) process, so the signals y_k - rho y_{k-1} have white noise. Each round
     /// whitens the original signals by the estimate so far, fits a baseline, and adds the correlation that is
-    /// left, enlarged by extrapolation, to the estimate.
+    /// left to the estimate.
     fn whitened(self, rho: f64) -> Result<Prepared, CritiqueError> {
         let Prepared { data, artefacts, baseline, .. } = self;
         // Whitened samples are no codes of the converter any more, so samples that may be clipped are marked
         // as lost before.
         let unwhitened = codes::unclipped(data, &baseline);
         let Artefacts { codes, mut noise, .. } = artefacts;
-        // the estimate so far, and the correlation that the round before had still found
         let mut total = rho;
         let mut round = 0;
-        let mut last = f64::INFINITY;
         let (data, baseline, again) = loop {
             total = total.clamp(-0.97, 0.97);
             let data = unwhitened.whitened(total);
@@ -220,12 +216,7 @@ impl Prepared {
             if round >= MOST_WHITENINGS || more.is_nan() || more.abs() <= NEARLY_WHITE {
                 break (data, baseline, again);
             }
-            // A fit to a signal swallows slow noise, so each estimate falls short by about the same share
-            // (more/last), and the steps are a geometric series: extrapolate it to its limit (not in the
-            // first round, where `last` is infinite).
-            let share = (more / last).clamp(0.0, 0.8);
-            total += more / (1.0 - share);
-            last = more;
+            total += more;
         };
 
         // The finding of correlated noise stays that of the first test. Its value becomes the correlation
@@ -256,8 +247,8 @@ impl Prepared {
     }
 }
 
-/// Step 5. Withdraws noise that is not found any more, noise that is not what it is named, and noise or trigger
-/// that is no more than what a stronger finding leaves. `coloured`: the signals were whitened, so they have no
+/// Step 5. Withdraws noise that is not what it is named, and noise or trigger that is no more than what a stronger
+/// finding leaves. `coloured`: the signals were whitened, so they have no
 /// codes to be tested.
 fn look_again(
     artefacts: &mut Artefacts,
@@ -274,10 +265,6 @@ fn look_again(
         artefacts.codes.extend(clipped);
     }
     artefacts.noise.push(jitter::jitter(&selected.fitted.model, data));
-    let noisy = artefacts.noise.iter().any(|f| f.accepted());
-    if noisy && !selected.causes.is_empty() {
-        still_there(&mut artefacts.noise, &ensemble::test(data, &selected.fitted.model));
-    }
     leave_out(artefacts, selected.findings());
     let of_noise = |noise| ensemble::surprise_of(noise, data, &selected.fitted.model, avoid);
     if coloured.as_ref().map_or(0.0, of_noise) > without_a_name(1.0) {
@@ -335,14 +322,6 @@ fn all_evidence(artefacts: &Artefacts, selected: &Selected, ln_samples: f64) -> 
         ..found.evidence(0, ln_samples)
     };
     artefacts.all().map(row).chain(selected.evidence.iter().cloned()).collect()
-}
-
-fn unexplained(unnamed: &[Scored], left: &Adequacy) -> Vec<String> {
-    let mut remarks = left.unexplained.remarks();
-    if let Some(s) = unnamed.first().filter(|s| !left.mentioned.contains(&s.id)) {
-        remarks.push(format!("{} fits best but {}: it is not named", s.id, s.why_not()));
-    }
-    remarks
 }
 
 #[cfg(test)]

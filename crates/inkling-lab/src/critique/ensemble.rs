@@ -16,10 +16,10 @@ use super::autoregression::Autoregression;
 use super::candidate::Candidate;
 use super::candidates::LEAST_PERIODS;
 use super::catalogue::CauseId;
-use super::chance::{THRESHOLD, maximum};
+use super::chance::{THRESHOLD, maximum, normal_deviate};
 use super::model::{Model, PATTERNS, powers};
 use super::observations::Observations;
-use super::tuned::{LINE_BOUND, STANDS_OUT};
+use super::tuned::{FEWEST_OF_NOISE, LINE_BOUND, STANDS_OUT};
 use inkling_core::model::free_decay::FREE;
 use inkling_core::model::inner_product::dot;
 use inkling_core::model::median::median_of;
@@ -27,8 +27,6 @@ use inkling_core::model::normal::ln_upper_tail;
 use inkling_core::model::waves::waves;
 use nalgebra::DMatrix;
 use std::f64::consts::{PI, TAU};
-
-const FEWEST: usize = 16;
 
 /// Number of directions that are projected out: a signal's own parameters, and what all have in common.
 const TAKEN: usize = FREE + 1;
@@ -95,9 +93,9 @@ pub fn mean_of(values: &[f64]) -> (f64, f64) {
 }
 
 /// Tests random tone (value: its frequency, Hz), correlated noise (rho at lag one) and heteroscedastic noise
-/// (the growth h), in this order; with less than `FEWEST` signals all three are untested.
+/// (the growth h), in this order; with less than `FEWEST_OF_NOISE` signals all three are untested.
 pub fn test(data: &Observations, model: &Model) -> Vec<Candidate> {
-    if data.len() < FEWEST {
+    if data.len() < FEWEST_OF_NOISE {
         return [CauseId::RandomTone, CauseId::CorrelatedNoise, CauseId::HeteroscedasticNoise]
             .map(|id| Candidate::untested(id, "needs 16 signals"))
             .into();
@@ -176,14 +174,11 @@ fn mean_power(left: &[Residual], v: f64, omega: f64) -> (f64, f64) {
 
 /// The line of random phase that all signals share, its frequency in rad per signal length; and its excess over
 /// white noise, over that of the neighbouring frequencies. `v`: variance of the noise. In white noise a
-/// periodogram is exponentially distributed, so the cube root of
-/// the mean over m signals is nearly normal. The largest of n independent frequencies is looked at, which
-/// adds ln n to the logarithm of its probability.
+/// periodogram is exponentially distributed, so the mean over m signals is chi-squared of 2 m degrees. The
+/// largest of n independent frequencies is looked at, which adds ln n to the logarithm of its probability.
 fn pooled_line(left: &[Residual], n: usize, v: f64) -> (Candidate, f64) {
     let ratio = |omega: f64| mean_power(left, v, omega);
     let m = left.len() as f64;
-    // the mean of m exponentials as a normal deviate, by the approximation of Wilson and Hilferty
-    let z_of = |r: f64| 3.0 * m.sqrt() * (r.max(1e-9).cbrt() - (1.0 - 1.0 / (9.0 * m)));
 
     // scan in steps of a quarter of a period per signal length; `all[j]` is at (j + 1) steps
     let count = 2 * n;
@@ -200,7 +195,7 @@ fn pooled_line(left: &[Residual], n: usize, v: f64) -> (Candidate, f64) {
     // with heavy tails the exponential distribution is too optimistic, so the spread over signals bounds it
     let omega = maximum(|omega| ratio(omega).0, (best + 1) as f64 * step, step);
     let (r, se) = ratio(omega);
-    let z = z_of(r).min((r - 1.0) / se.max(1e-9) * LINE_BOUND);
+    let z = normal_deviate(r, 2.0 * m).min((r - 1.0) / se.max(1e-9) * LINE_BOUND);
 
     // r - 1 is amplitude² N / (4 v), the signal-to-noise ratio s of one signal. By the Cramér-Rao bound the
     // variance of the frequency is 6 / (s m) in (rad per signal length)²; 1 + 1/s widens it for weak lines.

@@ -1,7 +1,7 @@
 //! The findings of a critique: plain data that is written to files. There is no algorithm here.
 //!
 //! `engine.rs` and `decay/mod.rs` fill them. `critique.json` is [`Critique`] serialised, without the fields
-//! marked `skip` (`schemas/critique.md`); evidence and figures go to tables of their own and to the report.
+//! marked `skip` (`schemas/critique.md`); evidence goes to a table of its own, figures to the report.
 
 use super::candidate::{Objection, WhyNot};
 use super::catalogue::{CATALOGUE, CauseId, Entry};
@@ -179,10 +179,8 @@ impl Worth {
 }
 
 /// Size of the small nozzle fault that detection is measured with: a change of ln damping, in standard
-/// deviations of the extended model's healthy signals. A convention, like the next number.
+/// deviations of the extended model's healthy signals: a convention.
 pub const FAULT: f64 = 2.5;
-/// Share of the healthy signals of channels never heard before that is meant to exceed the threshold.
-pub const ALARMS: f64 = 0.01;
 
 /// Smallest difference in detection AUC that matters.
 const MATTERS: f64 = 0.01;
@@ -296,7 +294,6 @@ pub struct Figures {
     /// Mean periodogram of single signals' misfits beside their own rings, unit² per bin, by frequency, Hz;
     /// the band holds 95 % if the model is right.
     pub spectrum: Compared,
-    pub covariates: Vec<CovariateFigure>,
 }
 
 /// A curve with a band: an interval of the curve itself, or where it lies if the model is right.
@@ -327,18 +324,4 @@ impl Compared {
     pub fn of(x: Vec<f64>, [before, after]: [Curve; 2]) -> Compared {
         Compared { x, before, after }
     }
-}
-
-/// Misfit of a model parameter against a recorded covariate, in bins.
-#[derive(Clone, Debug, Default)]
-pub struct CovariateFigure {
-    /// As in `covariates::NAMES`.
-    pub covariate: String,
-    /// Whether its values may spread over decades.
-    pub decades: bool,
-    pub unit: String,
-    /// `amplitude`, `damping` or `frequency`.
-    pub parameter: String,
-    /// Mean relative misfit of the parameter in each bin, with its 95 % bar; x is the bin's centre.
-    pub means: Compared,
 }

@@ -20,15 +20,14 @@ use super::candidates::{Applied, Setting};
 use super::chance::{interval, interval_of, resampled};
 use super::finding::{FAULT, Gain, GainFigures, HeldOut, Misfit, Worth};
 use super::held_out::{
-    FEWEST_UNITS, MostProbable, Population, Predictor, SHRINKAGE, TrainTestSplit, baseline,
-    by_channel, population, with,
+    FEWEST_UNITS, Population, SHRINKAGE, Signal, TrainTestSplit, baseline, by_channel, population,
+    signals, with,
 };
 use super::matrices::{Matrix5, Vector5, inverse_or_zero};
 use super::model::Model;
 use super::observations::Observations;
 use super::whiteness::{Lags, whiteness_p};
 use inkling_core::model::free_decay::FREE;
-use inkling_core::model::inner_product::dot;
 use std::iter::Sum;
 
 /// Seed of the drawings: the same for all figures, so that these can be compared.
@@ -129,29 +128,29 @@ fn judge(model: &Model, data: &Observations, known: bool, lags: bool) -> Vec<Jud
         true => (0..model.units.len()).map(|unit| population(model, Some(unit))).collect(),
         false => vec![population(model, None); data.units],
     };
-    let mut predictor = Predictor::of(model, data, of_unit);
-    let (scale, v) = (model.scale(), model.noise_var);
-    (0..data.len())
-        .map(|i| {
-            let MostProbable { linear, gram, product, about, spread, square } =
-                predictor.most_probable(i);
-            let precision = inverse_or_zero(spread);
-            let r = &linear.residual;
-            // Chi-squared is r0^T (v + J S J^T)^-1 r0, with the residual r0 about the population's mean and
-            // the population's covariance S. To first order this is the minimum of |r|²/v + about^T S^-1 about
-            // over the parameters, reached at the most probable ones.
-            let chi2 = dot(r, r) / v + about.dot(&(precision * about));
-            let ridge = Matrix5::identity() * (1e-9 * gram.trace());
-            let inverse = inverse_or_zero(gram + ridge);
+    let each = |(i, signal): (usize, Signal)| {
+        let Signal { residual, tangent, about, spread, noise_var, .. } = &signal;
+        // Chi-squared is r0^T (v + J S J^T)^-1 r0, with the residual r0 about the population's mean and
+        // the population's covariance S. To first order this is the minimum of |r|²/v + about^T S^-1 about
+        // over the parameters, reached at the most probable ones.
+        let of_parameters = about.dot(&(inverse_or_zero(*spread) * about));
+        let chi2 = residual.norm_squared() / noise_var + of_parameters;
+        let gram: Matrix5 = (tangent.tr_mul(tangent)).fixed_view::<FREE, FREE>(0, 0).into_owned();
+        let product = tangent.tr_mul(residual).fixed_rows::<FREE>(0).into_owned();
+        let ridge = Matrix5::identity() * (1e-9 * gram.trace());
+        let inverse = inverse_or_zero(gram + ridge);
+        let white = lags.then(|| Lags::of(residual.as_slice().to_vec(), &tangent.clone().qr().q()));
+        let (signal_square, samples) = (data.movement(i), data.samples as f64);
+        Judged {
+            unit: signal.unit,
+            squares: Squares { chi2, misfit: signal.square, signal: signal_square, samples },
             // least squares: one Gauss-Newton step, without the prior, from the most probable parameters
-            let off = about + inverse * product;
-            let metric = inverse_or_zero(inverse * v + spread);
-            let white = lags.then(|| Lags::of(r.clone(), &linear.by_free(&scale).qr().q()));
-            let (signal, samples) = (data.movement(i), data.samples as f64);
-            let squares = Squares { chi2, misfit: square, signal, samples };
-            Judged { unit: data.rows[i].unit, squares, off, metric, white }
-        })
-        .collect()
+            off: about + inverse * product,
+            metric: inverse_or_zero(inverse * *noise_var + spread),
+            white,
+        }
+    };
+    signals(model, data, of_unit).into_iter().enumerate().map(each).collect()
 }
 
 /// Area under the ROC curve: the share of pairs in which the faulty signal has the larger statistic.
@@ -163,7 +162,7 @@ fn auc(healthy: &[f64], faulty: &[f64]) -> f64 {
     faulty.iter().map(below).sum::<usize>() as f64 / pairs as f64
 }
 
-/// The detection threshold, which a share `ALARMS` of healthy signals of channels never heard before is
+/// The detection threshold, which 1 % of healthy signals of channels never heard before is
 /// expected to exceed. Because the scatter is known from few channels, the statistic is a multiple of F, and
 /// not a chi-squared. Its size comes from `of_left_out`, the statistics of training signals whose channel was
 /// left out. `units`: number of channels that the scatter is known from.
@@ -175,11 +174,10 @@ fn threshold(of_left_out: &[f64], units: usize) -> f64 {
     mean * (known - 2.0) / known * quantile_of_f(q, known)
 }
 
-/// The value that F with (p, q) degrees of freedom exceeds in a share [`super::finding::ALARMS`] of all cases
-/// (Paulson 1942): ((1 - b) x - (1 - a)) / sqrt(b x² + a) is nearly standard normal, with x the cube root of
+/// The value that F with (p, q) degrees of freedom exceeds in 1 % of all cases (Paulson 1942): ((1 - b) x - (1 - a)) / sqrt(b x² + a) is nearly standard normal, with x the cube root of
 /// F, a = 2/(9 p) and b = 2/(9 q).
 fn quantile_of_f(p: f64, q: f64) -> f64 {
-    const NORMAL: f64 = 2.3263; // of 1 - ALARMS
+    const NORMAL: f64 = 2.3263; // exceeded in 1 %
     let (a, b) = (2.0 / (9.0 * p), 2.0 / (9.0 * q));
     let z2 = NORMAL * NORMAL;
     let (s, half, t) =

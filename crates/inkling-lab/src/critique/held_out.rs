@@ -4,17 +4,17 @@
 //! A model expects of a signal that its parameters are drawn from a Gaussian, the [`Population`]. For a channel that
 //! was never heard that is N(mean, between + within), with `between` shrunk because it is known from few channels
 //! (`population`); for one that was heard it is N(the channel's own parameters, within + what is unknown of these)
-//! ([`Population::of_channel`]). [`Predictor::most_probable`] is the signal linearised at its most probable parameters
-//! once it was measured. All vectors and matrices are over the five free parameters in units of `Model::scale`.
+//! ([`Population::of_channel`]). A [`Signal`] is linearised at its most probable parameters once it was measured. All
+//! vectors and matrices are over the five free parameters in units of `Model::scale`.
 
 use super::candidates::{Applied, Setting};
 use super::matrices::{Matrix5, Vector5, floored, free_part, inverse, inverse_or_zero, scaled};
-use super::model::{Linear, Model, free_products};
+use super::model::{Linear, Model};
 use super::observations::Observations;
 use super::refit::{apply, refit};
-use super::settle::STEPS;
 use inkling_core::model::free_decay::{FREE, Theta};
 use inkling_core::model::inner_product::dot;
+use nalgebra::{DMatrix, DVector};
 use std::collections::BTreeMap;
 
 const FEWEST: usize = 8;
@@ -142,58 +142,64 @@ pub fn population(model: &Model, without: Option<usize>) -> Population {
     Population { shift, spread: floored(&(between + scaled(&model.within, &scale))) }
 }
 
-pub struct MostProbable {
-    pub linear: Linear,
-    /// J^T J and J^T r there, not divided by the noise.
-    pub gram: Matrix5,
-    pub product: Vector5,
+/// One signal, and what a model expects of it, linearised at its most probable parameters, which minimise
+/// |r|²/v + about^T spread^-1 about with the noise variance v. Samples are in counts, parameters in units of
+/// [`Model::scale`].
+pub struct Signal {
+    /// Indices of its burst and of its channel among those of its set of signals.
+    pub burst: usize,
+    pub unit: usize,
+    pub y: Vec<f64>,
+    /// The model's output there, and the measured samples less that.
+    pub expected: Vec<f64>,
+    pub residual: DVector<f64>,
+    /// 1 for every sample that counts, 0 where it may be clipped.
+    pub counts: Vec<f64>,
+    /// Jacobian of the output by the parameters; N x FREE.
+    pub tangent: DMatrix<f64>,
     /// The most probable parameters relative to the population's mean, and that population's covariance.
     pub about: Vector5,
     pub spread: Matrix5,
-    /// Sum of squares of the residual about the model's mean, counts².
+    /// Variance of the noise, counts², and sum of squares of the residual about the model's mean.
+    pub noise_var: f64,
     pub square: f64,
 }
 
-pub struct Predictor<'a> {
-    data: &'a Observations,
-    /// The model with all channels at its mean; `each` holds the signal that is being fitted.
-    mean: Model,
-    /// The population of each channel of `data`.
-    of_unit: Vec<Population>,
-    scale: Vector5,
-}
-
-impl Predictor<'_> {
-    pub fn of<'a>(
-        model: &Model,
-        data: &'a Observations,
-        of_unit: Vec<Population>,
-    ) -> Predictor<'a> {
-        let mut mean = model.clone();
-        mean.units = vec![model.mean; data.units];
-        mean.each = vec![Default::default(); data.len()];
-        Predictor { data, of_unit, scale: model.scale(), mean }
-    }
-
-    /// Linearises signal i at its most probable parameters, which minimise |r|²/v + about^T spread^-1 about, with
-    /// the noise variance v. Channels differ by per cents, so that one linear step would not be enough.
-    pub fn most_probable(&mut self, i: usize) -> MostProbable {
-        let Predictor { data, scale, ref mut mean, .. } = *self;
-        let Population { shift, spread } = self.of_unit[data.rows[i].unit];
-        let (mut linear, mut centre) = (Linear::default(), Theta::zeros());
+/// What a model expects of signals whose channels have these populations. Channels differ by per cents, so that one
+/// linear step from the mean would not be enough.
+pub fn signals(model: &Model, data: &Observations, of_unit: Vec<Population>) -> Vec<Signal> {
+    // the model with all channels at its mean; `each` holds the signal that is being fitted
+    let mut mean = model.clone();
+    mean.units = vec![model.mean; data.units];
+    mean.each = vec![Theta::zeros(); data.len()];
+    let scale = model.scale();
+    let mut linear = Linear::default();
+    let each = |i: usize| {
+        let Population { shift, spread } = of_unit[data.rows[i].unit];
+        let mut centre = Theta::zeros();
         mean.linearise(i, data, &mut linear);
         let square = dot(&linear.residual, &linear.residual);
         centre.fixed_rows_mut::<FREE>(0).copy_from(&shift.component_mul(&scale));
-        let precision = inverse_or_zero(spread);
-        let most_probable = mean.fit_one(i, data, centre, precision, STEPS);
+        let most_probable = mean.fit_one(i, data, centre, inverse_or_zero(spread));
         mean.each[i] = most_probable;
         mean.linearise(i, data, &mut linear);
         // the signal goes back to the mean, so that the model is as it was
         mean.each[i] = Theta::zeros();
-        let (gram, product) = free_products(&linear, &scale);
-        let about = free_part(&most_probable, &scale) - shift;
-        MostProbable { linear, gram, product, about, spread, square }
-    }
+        Signal {
+            burst: data.rows[i].burst,
+            unit: data.rows[i].unit,
+            y: data.signal(i).iter().map(|y| f64::from(*y)).collect(),
+            expected: linear.model.clone(),
+            residual: DVector::from_column_slice(&linear.residual),
+            counts: linear.counts.clone(),
+            tangent: linear.by_free(&scale),
+            about: free_part(&most_probable, &scale) - shift,
+            spread,
+            noise_var: model.noise_var,
+            square,
+        }
+    };
+    (0..data.len()).map(each).collect()
 }
 
 impl Population {

@@ -26,11 +26,9 @@ use super::matrices::means_of_groups;
 use super::model::Model;
 use super::observations::Observations;
 use super::space::Direction;
+use super::tuned::FEWEST_CONTRASTS;
 use inkling_core::numbers::LITTLE;
 use nalgebra::{DMatrix, Matrix2, SVector};
-
-/// With fewer contrasts, nothing is told.
-const FEWEST: usize = 8;
 
 /// What is recorded beside a burst: the means of its signals' covariates, with the square of the drive in place of
 /// the constant.
@@ -129,7 +127,7 @@ impl Contrasts {
         let statistics: f64 = all.iter().map(|(burst, _)| burst.statistics).sum();
         let information: f64 = all.iter().map(|(burst, _)| burst.alone.information).sum();
         let free = signals - (all.len() + channels) as f64;
-        if left < FEWEST || free < FEWEST as f64 {
+        if left < FEWEST_CONTRASTS || free < FEWEST_CONTRASTS as f64 {
             return None;
         }
         let own = (statistics - scores.norm_squared()).max(1e-300) / free;

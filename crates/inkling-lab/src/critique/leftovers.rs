@@ -127,18 +127,6 @@ pub fn leave_out(artefacts: &mut Artefacts, chosen: Vec<Finding>) {
     }
 }
 
-/// Withdraws findings in noise that `again`, the tests with the causes in the model, does not accept.
-pub fn still_there(of_noise: &mut [Candidate], again: &[Candidate]) {
-    for f in of_noise.iter_mut().filter(|f| f.accepted()) {
-        // a correlation was taken out by whitening
-        let gone =
-            f.id != CauseId::CorrelatedNoise && again.iter().any(|a| a.id == f.id && !a.accepted());
-        if gone {
-            f.objection = Some(Objection::LeftByOthers);
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::CauseId::*;
@@ -191,17 +179,5 @@ mod tests {
         let growing = Finding { growth: 2.0, ..one(HeteroscedasticNoise, 100.0) };
         assert!(!one(Offset, 1.9 * DETECTION_LIMIT).is_beyond([&growing]));
         assert!(one(Offset, 2.1 * DETECTION_LIMIT).is_beyond([&growing]));
-    }
-
-    #[test]
-    fn noise_that_the_causes_explain_is_none() {
-        let all = |each: &[(CauseId, f64)]| -> Vec<Candidate> {
-            each.iter().map(|(id, x)| Candidate::by_chance(*id, x / 2.0, 1.0, 0.1)).collect()
-        };
-        let mut noise = all(&[(RandomTone, 90.0), (CorrelatedNoise, 90.0)]);
-        still_there(&mut noise, &all(&[(RandomTone, 3.0), (CorrelatedNoise, 1.0)]));
-        // the correlation was taken out by whitening, so little of it may be left
-        let named = noise.iter().filter(|f| f.accepted()).map(|f| f.id);
-        assert_eq!(named.collect::<Vec<CauseId>>(), [CorrelatedNoise]);
     }
 }

@@ -14,6 +14,7 @@
 
 use super::chance::surprise_of_count;
 use super::covariates::POSITION;
+use super::held_out::FEWEST_UNITS;
 use super::model::Model;
 use super::observations::Observations;
 use super::tuned::{LEAST_SCATTER, ODD_IN_A_ROW, OUTLYING, STANDS_OUT};
@@ -21,14 +22,8 @@ use inkling_core::model::median::{median, median_of, robust_sd};
 use inkling_core::numbers::LITTLE;
 use std::ops::Range;
 
-/// Fewest pairs of channels that a trend is estimated from.
-const FEWEST_SLOPES: usize = 15;
-/// Least scatter of healthy channels in ln damping, ln frequency and ln amplitude, as a multiple of
-/// `least_scatter`. (Nobody wrote down what these were tuned on.)
-const OF_DAMPING: [f64; 3] = [1.0, 0.16, 0.6];
-
 /// Slope of feature j along the head, per unit of the standardised position: the median, over pairs of
-/// channels, of the slope between their medians (Theil and Sen). 0 if there are too few pairs.
+/// channels, of the slope between their medians (Theil and Sen). 0 if there are too few channels.
 fn trend(data: &Observations, features: &[[f64; 3]], j: usize) -> f64 {
     let of_channel = |rows: Range<usize>| {
         (data.beside.z[rows.start][POSITION], median_of(rows.map(|i| features[i][j])))
@@ -39,7 +34,8 @@ fn trend(data: &Observations, features: &[[f64; 3]], j: usize) -> f64 {
         let later = at[k + 1..].iter().filter(|q| q.0 != p.0);
         slopes.extend(later.map(|q| (q.1 - p.1) / (q.0 - p.0)));
     }
-    if slopes.len() < FEWEST_SLOPES { 0.0 } else { median(&mut slopes) }
+    let enough = at.len() >= FEWEST_UNITS && !slopes.is_empty();
+    if enough { median(&mut slopes) } else { 0.0 }
 }
 
 /// For each channel whether more than one of its signals, and more than a tenth of them, are `odd`. Its other
@@ -109,10 +105,10 @@ impl SingleFits {
     /// feature that is not a number counts as far.
     fn far(&self) -> Vec<bool> {
         let mut far = vec![false; self.features.len()];
-        for (j, part) in OF_DAMPING.iter().enumerate() {
+        for (j, least) in LEAST_SCATTER.iter().enumerate() {
             let mut values: Vec<f64> = self.features.iter().map(|f| f[j]).collect();
             let centre = median(&mut values);
-            let sd = robust_sd(&values, centre).max(part * LEAST_SCATTER);
+            let sd = robust_sd(&values, centre).max(*least);
             for (far, f) in far.iter_mut().zip(&self.features) {
                 let off = (f[j] - centre).abs() / sd;
                 *far |= off > OUTLYING || off.is_nan();

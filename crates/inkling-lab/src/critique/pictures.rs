@@ -3,50 +3,24 @@
 //! In: the [`Figures`] of a critique. Out: SVG markup with headings. Each title is a
 //! sentence that says what the figure shows, computed from its numbers. A figure without numbers is left out.
 
-use super::finding::{Compared, CovariateFigure, Curve, Figures};
-use crate::plot::digits::{short, significant};
+use super::finding::{Compared, Curve, Figures};
+use crate::plot::digits::short;
 use crate::plot::{Axis, Figure, Mark, SIZE, Series, page, unit_of_time};
-
-/// Number of figures against covariates that are visible at once; others are folded away.
-const OPEN_COVARIATES: usize = 4;
 
 pub fn drawn(f: &Figures) -> String {
     let headed = |heading: &str, drawn: Option<Figure>| {
         let drawn = drawn.map(with_room).map(|of| page::figure(&of, SIZE, &of.title));
         page::section(heading, &drawn.unwrap_or_default())
     };
-    let mut page = headed("Misfit, measured minus simulated", mean_misfit(&f.mean_misfit, &f.unit));
-    page += &headed("Spectrum of the misfit", spectrum(&f.spectrum, &f.unit));
-
-    // the covariate that stands out most comes first
-    let mut covariates: Vec<&CovariateFigure> = f.covariates.iter().collect();
-    covariates.sort_by(|x, y| stands_out(y).total_cmp(&stands_out(x)));
-    for (k, of) in covariates.iter().enumerate() {
-        if k == OPEN_COVARIATES {
-            page += "<details><summary>Against what else was recorded</summary>\n";
-        }
-        let heading = if k == 0 { "Misfit against what was recorded" } else { "" };
-        page += &headed(heading, covariate(of));
-    }
-    if covariates.len() > OPEN_COVARIATES {
-        page += "</details>\n";
-    }
-
-    page
-}
-
-/// Largest distance of a bin's mean (before the extension) from zero, over the half-width of its error bar.
-fn stands_out(c: &CovariateFigure) -> f64 {
-    let Curve { y, low, high } = &c.means.before;
-    let bars = low.iter().zip(high).map(|(low, high)| 0.5 * (high - low));
-    let bins = y.iter().zip(bars).filter(|(_, bar)| *bar > 0.0);
-    bins.map(|(y, bar)| (y / bar).abs()).fold(0.0, f64::max)
+    let misfit = mean_misfit(&f.mean_misfit, &f.unit);
+    headed("Misfit, measured minus simulated", misfit)
+        + &headed("Spectrum of the misfit", spectrum(&f.spectrum, &f.unit))
 }
 
 /// The figure with room for its legend above the data.
 fn with_room(mut figure: Figure) -> Figure {
     let (low, high) = ends(figure.series.iter().flat_map(|s| &s.points).map(|p| p.1));
-    if figure.y.categories.is_empty() && !figure.y.log && low < high {
+    if !figure.y.log && low < high {
         figure.y.range = Some((low - 0.05 * (high - low), high + 0.4 * (high - low)));
     }
     figure
@@ -130,57 +104,3 @@ fn ends(values: impl Iterator<Item = f64>) -> (f64, f64) {
     let none = (f64::INFINITY, f64::NEG_INFINITY);
     values.filter(|v| v.is_finite()).fold(none, |(l, h), v| (l.min(v), h.max(v)))
 }
-
-fn range(values: &[f64]) -> f64 {
-    let (low, high) = ends(values.iter().copied());
-    (high - low).max(0.0)
-}
-
-/// One parameter's mean misfit (per cent) in the bins of a covariate, as error bars.
-pub(super) fn covariate(c: &CovariateFigure) -> Option<Figure> {
-    let Compared { x: centre, before, after } = &c.means;
-    let largest = centre.iter().copied().reduce(f64::max)?;
-    let (by, unit) = match c.unit.as_str() {
-        "s" => unit_of_time(largest),
-        unit => (1.0, unit),
-    };
-    let x = match unit {
-        "1" | "" => c.covariate.clone(),
-        unit => format!("{}, {unit}", c.covariate),
-    };
-    let centre = scaled(centre, by);
-    let low = ends(centre.iter().copied()).0;
-    let high = low + range(&centre);
-    let log = c.decades && low > 0.0 && high > WIDE * low;
-    // the two bars of a bin, before and after, stand side by side
-    let aside = |x: f64, sign: f64| match log {
-        true => x * (high / low).powf(sign * ASIDE),
-        false => x + sign * ASIDE * range(&centre).max(1e-9),
-    };
-    // a bar is two points, its lower and its upper end
-    let bars = |name: &str, Curve { low, high, .. }: &Curve, sign: f64| {
-        let edges = centre.iter().zip(low.iter().zip(high));
-        let points = edges.flat_map(|(x, (low, high))| {
-            let x = aside(*x, sign);
-            [(x, 100.0 * low), (x, 100.0 * high)]
-        });
-        Series::new(name, Mark::Bars, points.collect())
-    };
-    Some(Figure::new(
-        format!(
-            "Against {}, {} spans {} % before and {} % after the extension",
-            c.covariate,
-            c.parameter,
-            significant(100.0 * range(&before.y), 2),
-            significant(100.0 * range(&after.y), 2)
-        ),
-        Axis { log, ..Axis::new(&x) },
-        Axis::new(&format!("{} against the model, %", c.parameter)),
-        vec![bars("before, 95 %", before, -1.0), bars("after, 95 %", after, 1.0)],
-    ))
-}
-
-/// Distance of a bar from its bin's centre, as a share of the axis.
-const ASIDE: f64 = 0.008;
-/// Ratio of largest to smallest value from which on an axis of idle times is logarithmic.
-const WIDE: f64 = 30.0;

@@ -1,6 +1,6 @@
 //! Log predictive densities: how probable a model makes each signal, its parameters being unknown.
 //!
-//! In: a fitted model, the population that each channel's parameters are drawn from, and the [`Noise`]. Out:
+//! In: a [`Signal`] about a fitted model, in the population that its parameters are drawn from, and the [`Noise`]. Out:
 //! the logarithm of each signal's density (nats), y ~ N(f, D + J S J^T). f: the model's output at the
 //! population's mean; D: variances of the noise, one per sample; J: the Jacobian of the output by the decay's
 //! parameters; S: their covariance in the population. J is taken at the signal's most probable parameters,
@@ -11,10 +11,9 @@
 //! couples the signals of a burst ([`ln_densities_with_jitter`]). The sizes of these three are fitted by the
 //! densities of training signals.
 
-use super::held_out::{Population, Predictor};
+use super::held_out::Signal;
 use super::matrices::{Matrix5, Vector5, floored};
 use super::model::Model;
-use super::observations::Observations;
 use inkling_core::model::free_decay::FREE;
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 use std::collections::BTreeMap;
@@ -47,29 +46,6 @@ impl Growth {
     }
 }
 
-/// One signal, and what a model expects of it. Samples are in counts, parameters in units of
-/// [`Model::scale`].
-pub struct Signal {
-    /// Indices of its burst and of its channel among those of its set of signals.
-    pub burst: usize,
-    pub unit: usize,
-    pub y: Vec<f64>,
-    /// The model's output at the signal's most probable parameters.
-    pub expected: Vec<f64>,
-    /// 1 for every sample that counts, 0 where it may be clipped.
-    pub counts: Vec<f64>,
-    /// The measured samples less f.
-    off: DVector<f64>,
-    /// Jacobian of the output by the parameters, at the most probable ones; N x FREE.
-    tangent: DMatrix<f64>,
-    spread: Matrix5,
-    /// Derivative of the parameters by a shift in time, per signal length. It is that of the model's mean
-    /// decay, for all signals.
-    shift: Vector5,
-    /// Variance of the noise, counts².
-    noise_var: f64,
-}
-
 /// A Gaussian density of mean 0 and covariance V = D + A A^T, D diagonal, A of few columns.
 struct Density {
     /// Diagonal of D^-1; 0 for a sample that does not count.
@@ -98,41 +74,25 @@ impl Density {
     }
 }
 
-/// `of_unit`: the population of each channel of the set.
-pub fn signals(model: &Model, data: &Observations, of_unit: Vec<Population>) -> Vec<Signal> {
-    let mut predictor = Predictor::of(model, data, of_unit);
-    let scale = model.scale();
-    // The derivative of a decay by time is a decay of the same rates with other amplitudes (a, b, c), so a
-    // small shift in time moves only these.
+/// Derivative of the parameters by a shift in time, per signal length, of the model's mean decay: that is a decay of
+/// the same rates with other amplitudes (a, b, c), so a small shift moves only these.
+pub fn by_shift(model: &Model) -> Vector5 {
     let [sigma, omega, lambda] = [0, 1, 5].map(|j| model.decay()[j].exp());
     let (a, b, c) = (model.mean[2], model.mean[3], model.mean[4]);
     let moved = [0.0, 0.0, omega * b - sigma * a, -omega * a - sigma * b, -lambda * c];
-    let shift = Vector5::from(moved).component_div(&scale);
-    let each = |i: usize| {
-        let rest = predictor.most_probable(i);
-        let tangent = rest.linear.by_free(&scale);
-        let residual = DVector::from_column_slice(&rest.linear.residual);
-        Signal {
-            burst: data.rows[i].burst,
-            unit: data.rows[i].unit,
-            expected: rest.linear.model,
-            y: data.signal(i).iter().map(|y| f64::from(*y)).collect(),
-            off: residual + &tangent * rest.about,
-            counts: rest.linear.counts,
-            tangent,
-            spread: rest.spread,
-            shift,
-            noise_var: model.noise_var,
-        }
-    };
-    (0..data.len()).map(each).collect()
+    Vector5::from(moved).component_div(&model.scale())
 }
 
 impl Signal {
+    /// The measured samples less what the model expects at the population's mean.
+    fn off(&self) -> DVector<f64> {
+        &self.residual + &self.tangent * self.about
+    }
+
     /// Density of `off`, over those of the first `first` samples that count. `spread`: covariance of the
     /// parameters. `None`: a covariance is not positive definite.
     fn density(&self, noise: &Noise, spread: &Matrix5, first: usize) -> Option<Density> {
-        let n = self.off.len();
+        let n = self.residual.len();
         let of = |k: usize, _| {
             let counts = if k < first { self.counts[k] } else { 0.0 };
             counts / (self.noise_var * noise.growth.map_or(1.0, |of| of.at(self.expected[k])))
@@ -156,14 +116,14 @@ impl Signal {
 
     /// ln p of all samples that count; NaN if there is no density.
     pub fn ln_density(&self, noise: &Noise) -> f64 {
-        self.density(noise, &self.spread, usize::MAX).map_or(f64::NAN, |d| d.ln(&self.off))
+        self.density(noise, &self.spread, usize::MAX).map_or(f64::NAN, |d| d.ln(&self.off()))
     }
 
     /// ln p of all samples but the first, given the first one, in white noise. This can be compared with the
     /// density of the same signal after whitening, which loses the first sample.
     pub fn ln_density_after_first(&self) -> f64 {
         let plain = Noise::default();
-        let first = self.density(&plain, &self.spread, 1).map_or(f64::NAN, |d| d.ln(&self.off));
+        let first = self.density(&plain, &self.spread, 1).map_or(f64::NAN, |d| d.ln(&self.off()));
         self.ln_density(&plain) - first
     }
 }
@@ -171,11 +131,16 @@ impl Signal {
 /// ln p of each signal where the trigger shifts all signals of a burst by the same random time of the given
 /// `variance`, in squared signal lengths. The signals of a burst then have one joint density, the product of
 /// their densities integrated over the shift; each signal gets an equal share of its logarithm. `noise`: as
-/// found before the jitter.
+/// found before the jitter; `shift`: as of [`by_shift`].
 ///
 /// To second order in the shift d, ln of the product is `sum` + d score - d² information / 2. The integral
 /// over d ~ N(0, variance) adds (variance score² / grown - ln grown) / 2.
-pub fn ln_densities_with_jitter(all: &[Signal], noise: &Noise, variance: f64) -> Vec<f64> {
+pub fn ln_densities_with_jitter(
+    all: &[Signal],
+    noise: &Noise,
+    shift: &Vector5,
+    variance: f64,
+) -> Vec<f64> {
     let mut bursts: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
     all.iter().enumerate().for_each(|(i, s)| bursts.entry(s.burst).or_default().push(i));
     let mut ln = vec![f64::NAN; all.len()];
@@ -186,12 +151,12 @@ pub fn ln_densities_with_jitter(all: &[Signal], noise: &Noise, variance: f64) ->
         for signal in members.iter().map(|i| &all[*i]) {
             // The fitted covariance also holds what the common shift does to single signals. Subtract that
             // part here, since the shift is accounted for below.
-            let own = signal.spread - signal.shift * signal.shift.transpose() * variance;
+            let own = signal.spread - shift * shift.transpose() * variance;
             let Some(density) = signal.density(noise, &own, usize::MAX) else { continue };
-            let along = &signal.tangent * signal.shift;
+            let (off, along) = (signal.off(), &signal.tangent * shift);
             let solved = density.solve(&along);
-            sum += density.ln(&signal.off);
-            score += solved.dot(&signal.off);
+            sum += density.ln(&off);
+            score += solved.dot(&off);
             information += solved.dot(&along);
         }
         let grown = 1.0 + variance * information;
@@ -204,23 +169,24 @@ pub fn ln_densities_with_jitter(all: &[Signal], noise: &Noise, variance: f64) ->
 #[cfg(test)]
 mod tests {
     use super::super::generator::{Run, draw};
-    use super::super::held_out::population;
+    use super::super::held_out::{population, signals};
     use super::*;
 
-    fn some() -> Vec<Signal> {
+    /// Some signals, and the derivative by a shift.
+    fn some() -> (Vec<Signal>, Vector5) {
         let data = draw(&Run { channels: 8, bursts: 6, ..Run::default() }, 5);
-        let mut model = Model::start(&data).unwrap();
-        model.fit(&data, 2);
-        signals(&model, &data, vec![population(&model, None); data.units])
+        let model = Model::fitted(&data, 2).unwrap();
+        let all = signals(&model, &data, vec![population(&model, None); data.units]);
+        (all, by_shift(&model))
     }
 
     /// Compares with the determinant and the inverse of the whole covariance.
     #[test]
     fn the_density_is_that_of_its_whole_covariance() {
-        let signal = &some()[3];
+        let signal = &some().0[3];
         let growth = Growth { h: 0.7, top: 9000.0, mean: 2000.0 };
         let noise = Noise { growth: Some(growth), tone: Some([60.0, 1.5]) };
-        let n = signal.off.len();
+        let n = signal.residual.len();
         let s = DMatrix::from_fn(FREE, FREE, |i, j| signal.spread[(i, j)]);
         let grown = |square: f64| 1.0 + 0.7 * square / 9000.0;
         let wave = |k: usize, l: usize| 1.5 * (60.0 * (k as f64 - l as f64) / n as f64).cos();
@@ -235,7 +201,7 @@ mod tests {
         });
         let whole = v.cholesky().unwrap();
         let ln_det: f64 = 2.0 * whole.l().diagonal().iter().map(|l| l.ln()).sum::<f64>();
-        let square = signal.off.dot(&whole.solve(&signal.off));
+        let square = signal.off().dot(&whole.solve(&signal.off()));
         let right = -0.5 * (n as f64 * TAU.ln() + ln_det + square);
         let found = signal.ln_density(&noise);
         assert!((found - right).abs() < 1e-6 * right.abs(), "{found} {right}");
@@ -243,14 +209,15 @@ mod tests {
 
     #[test]
     fn a_jitter_of_none_changes_nothing_and_one_signal_a_burst_hardly() {
-        let mut all = some();
+        let (mut all, shift) = some();
         let noise = Noise::default();
         let sum = |ln: &[f64]| ln.iter().sum::<f64>();
         let plain: Vec<f64> = all.iter().map(|s| s.ln_density(&noise)).collect();
-        assert!((sum(&ln_densities_with_jitter(&all, &noise, 0.0)) - sum(&plain)).abs() < 1e-6);
+        let none = ln_densities_with_jitter(&all, &noise, &shift, 0.0);
+        assert!((sum(&none) - sum(&plain)).abs() < 1e-6);
         // a shift that only one signal has in common is its own: it is taken from its scatter and given back
         all.iter_mut().enumerate().for_each(|(i, s)| s.burst = i);
-        let ln = ln_densities_with_jitter(&all, &noise, 1e-9);
+        let ln = ln_densities_with_jitter(&all, &noise, &shift, 1e-9);
         for (one, plain) in ln.iter().zip(&plain) {
             assert!((one - plain).abs() < 1e-3, "{one} {plain}");
         }

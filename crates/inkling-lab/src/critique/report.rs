@@ -5,8 +5,7 @@
 //! recording may be anything. The page must never compute a finding of its own.
 
 use super::finding::{
-    ALARMS, Cause, Critique, Detection, Evidence, FAULT, Gain, GainFigures, HeldOut, Mode,
-    NotTestable, Verdict,
+    Cause, Critique, Detection, FAULT, Gain, GainFigures, HeldOut, Mode, NotTestable, Verdict,
 };
 use super::pictures;
 use crate::plot::digits::{chance, measured, short, significant};
@@ -26,13 +25,7 @@ const OF_GAIN: &str = "Misfit: measured minus simulated. Chi² per degree of fre
     what noise and the scatter of channels allow. NRMSE: root of its mean square over the signal's. AUC, \
     area under the ROC curve: the chance that a signal with a small nozzle fault (damping off by FAULT_SD \
     standard deviations of healthy channels, put into held-out signals) looks more faulty than a healthy \
-    one; 0.5 is guessing, 1 never wrong.";
-
-const OF_EVIDENCE: &str = "Step 0 asks every candidate alone, against the model as it \
-    is; each further step asks again beside what was chosen before. Statistic: twice the gain in \
-    log-likelihood. Threshold: what chance exceeds once in many recordings, all candidates together. p: \
-    the chance of so high a statistic where there is nothing. Accepted: chosen in that step, or why \
-    not.";
+    one; 0.5 is guessing, 1 never wrong. Threshold: meant for 1 % of healthy signals of channels never heard.";
 
 pub fn html(c: &Critique) -> String {
     let signals = &c.signals;
@@ -51,7 +44,6 @@ pub fn html(c: &Critique) -> String {
         gain(&c.gain),
         pictures::drawn(&c.figures),
         section("Not testable on these recordings", &list(lines(&grouped(&c.not_testable)))),
-        evidence(&c.evidence),
     ];
     page("Model critique", &parts.concat())
 }
@@ -105,23 +97,16 @@ fn causes(c: &Critique) -> String {
         ">gain per held-out signal",
         "matters for detection",
     ];
-    // the page's first sentence has most of them
-    let first = c.sentence.to_lowercase();
-    let is_told = |sentence: &String| first.contains(&sentence.to_lowercase());
-    let sentences = c.causes.iter().map(|cause| cause.sentence.clone());
-    let sentences: Vec<String> = sentences.filter(|sentence| !is_told(sentence)).collect();
     [
         format!("<h2>{title}</h2>\n{explained}"),
         table("", &heads, c.causes.iter().map(row)),
-        list(lines(&sentences)),
         note(OF_CAUSES),
     ]
     .concat()
 }
 
-/// The lines that are not empty, escaped.
 fn lines(all: &[String]) -> impl Iterator<Item = String> {
-    all.iter().filter(|line| !line.is_empty()).map(|line| escaped(line))
+    all.iter().map(|line| escaped(line))
 }
 
 /// The modes of an oscillator.
@@ -195,36 +180,8 @@ fn gain(gain: &Gain) -> String {
         note(&held_out(held)),
         note(&OF_GAIN.replace("FAULT_SD", &FAULT.to_string())),
         table("", heads, rows().map(row)),
-        of_detection(gain, one),
     ]
     .concat()
-}
-
-/// Remarks below the table. `one`: there is no extension to compare with.
-fn of_detection(gain: &Gain, one: bool) -> String {
-    let mut notes = String::new();
-    if let (Some([low, high]), false) = (gain.detection_gain_interval, one) {
-        let word = match gain.detection() {
-            Detection::Better => "better",
-            Detection::Worse => "worse",
-            _ => "neither better nor worse, as far as these signals tell",
-        };
-        notes += &note(&format!(
-            "Detection with the extension: {word} (AUC {:+.3} [{low:+.3}, {high:+.3}], the same channels before \
-             and after).",
-            gain.detection_gain
-        ));
-    }
-    if !gain.before.false_alarms.is_nan() {
-        notes += &note(&format!(
-            "The threshold is meant for {} % of healthy signals of channels never heard. It was learned on {} \
-             channels: of so few, how much healthy channels differ is known roughly, and so is the share of false \
-             alarms.",
-            100.0 * ALARMS,
-            gain.held_out.fitted_channels
-        ));
-    }
-    notes
 }
 
 const WHITENESS: &str = "chance that white noise looks like the misfit, p";
@@ -258,40 +215,6 @@ pub fn grouped(not_testable: &[NotTestable]) -> Vec<String> {
         format!("{} {verb} {needs}", names.join(", "))
     };
     groups.into_iter().map(line).collect()
-}
-
-fn evidence(evidence: &[Evidence]) -> String {
-    if evidence.is_empty() {
-        return String::new();
-    }
-    let row = |e: &Evidence| {
-        [
-            e.step.to_string(),
-            e.id.to_string(),
-            short(e.statistic),
-            short(e.threshold),
-            escaped(&chance(e.p)),
-            short(e.delta_bic),
-            significant(e.strength_dl, 2),
-            if e.accepted() { "yes".to_owned() } else { escaped(&e.why_not_in_words()) },
-        ]
-    };
-    let heads = [
-        ">step",
-        "candidate",
-        ">statistic",
-        ">threshold",
-        ">p",
-        ">delta BIC",
-        ">strength, DL",
-        "accepted",
-    ];
-    format!(
-        "<h2>All evidence</h2>\n{}<details><summary>Every candidate in every step of the selection</summary>{}\
-         </details>\n",
-        note(OF_EVIDENCE),
-        table("", &heads, evidence.iter().map(row))
-    )
 }
 
 #[cfg(test)]

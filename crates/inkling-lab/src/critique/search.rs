@@ -23,6 +23,8 @@ pub trait System {
     /// Whether a candidate that is tied with a cause in the model may enter beside it, or stands for the same
     /// effect.
     const TIED_MAY_ENTER: bool;
+    /// Whether what has no name may enter. If not, all it can do is to end the search.
+    const RIVALS_MAY_ENTER: bool;
     /// The step in which candidates are tried.
     const TRYING: Stage;
 
@@ -36,7 +38,7 @@ pub trait System {
         now: &Self::Model,
         tried: &[Candidate<Self::Form>],
         chosen: &[Chosen<Self::Form>],
-    ) -> Round<Self::Model, Self::Form>;
+    ) -> Vec<Contender<Self::Model, Self::Form>>;
 
     /// Refits the model after a cause has entered, and removes superfluous causes from it and from `chosen`.
     /// `Break` ends the search, where causes would come and go for ever.
@@ -53,58 +55,59 @@ pub struct Contender<Model, Form> {
     pub model: Model,
     /// -2 ln likelihood plus the price of the free parameters; lower is better.
     pub penalised: f64,
-    /// If not, all it can do is to keep others from entering.
-    pub may_enter: bool,
+    /// A weak one competes with none, but may be tied with the winner.
+    pub is_weak: bool,
 }
 
-pub struct Round<Model, Form> {
-    pub contenders: Vec<Contender<Model, Form>>,
-    /// The smallest `penalised` of anything that competes.
-    pub least: f64,
+/// Index of the winner: the likeliest that has a name, if nothing is better by `tie`; else the likeliest without a
+/// name.
+fn winner<Model, Form>(contenders: &[Contender<Model, Form>]) -> Option<usize> {
+    let strong = || contenders.iter().enumerate().filter(|(_, r)| !r.is_weak);
+    let least = strong().map(|(_, r)| r.penalised).fold(f64::INFINITY, f64::min);
+    let likeliest = |named: bool| {
+        let all = strong().filter(|(_, r)| r.candidate.has_name() == named);
+        all.min_by(|(_, p), (_, q)| p.penalised.total_cmp(&q.penalised))
+    };
+    let named = likeliest(true).filter(|(_, r)| r.penalised - least < TIE);
+    named.or_else(|| likeliest(false)).map(|(place, _)| place)
 }
 
-impl<Model, Form> Round<Model, Form> {
-    /// Index of the next cause: the likeliest that has a name, if it is within `tie` of `least`; else the
-    /// likeliest without a name.
-    fn winner(&self) -> Option<usize> {
-        let likeliest = |named: bool| {
-            let all = self.contenders.iter().enumerate();
-            all.filter(|(_, r)| r.may_enter && r.candidate.has_name() == named)
-                .min_by(|(_, p), (_, q)| p.penalised.total_cmp(&q.penalised))
-        };
-        let named = likeliest(true).filter(|(_, r)| r.penalised - self.least < TIE);
-        named.or_else(|| likeliest(false)).map(|(place, _)| place)
-    }
-
-    /// Writes into the step's rows which candidate won, and that it explains more, or what others explain.
-    fn tell(&self, winner: usize, rows: &mut [Evidence], ln_samples: f64) {
-        let chosen = self.contenders[winner].candidate.id;
-        for row in rows {
-            let by_id = |c: &&Contender<Model, Form>| c.candidate.id == row.id;
-            let refitted = self.contenders.iter().find(by_id);
-            row.why_not = match (refitted, row.why_not) {
-                _ if row.id == chosen => None,
-                (Some(_), _) if chosen.has_name() => Some(WhyNot::ExplainsMore(chosen)),
-                (Some(_), _) => Some(WhyNot::AnotherExplainsMore),
-                (None, Some(WhyNot::NotLookedFor)) if chosen.has_name() => {
-                    Some(WhyNot::ExplainedBy(chosen))
-                }
-                (None, why_not) => why_not,
-            };
-            if let Some(Contender { candidate, .. }) = refitted {
-                row.delta_bic = candidate.delta_bic(ln_samples);
+/// Writes into a step's rows which candidate won, and that it explains more, or what others explain.
+fn tell<Model, Form>(
+    contenders: &[Contender<Model, Form>],
+    winner: usize,
+    rows: &mut [Evidence],
+    ln_samples: f64,
+) {
+    let chosen = contenders[winner].candidate.id;
+    for row in rows {
+        let refitted = contenders.iter().find(|c| c.candidate.id == row.id);
+        row.why_not = match (refitted, row.why_not) {
+            _ if row.id == chosen => None,
+            (Some(_), _) if chosen.has_name() => Some(WhyNot::ExplainsMore(chosen)),
+            (Some(_), _) => Some(WhyNot::AnotherExplainsMore),
+            (None, Some(WhyNot::NotLookedFor)) if chosen.has_name() => {
+                Some(WhyNot::ExplainedBy(chosen))
             }
+            (None, why_not) => why_not,
+        };
+        if let Some(Contender { candidate, .. }) = refitted {
+            row.delta_bic = candidate.delta_bic(ln_samples);
         }
     }
+}
 
-    fn won(mut self, winner: usize, ln_samples: f64) -> (Model, Chosen<Form>) {
-        let Contender { candidate, model, penalised, .. } = self.contenders.remove(winner);
-        let is_close = |r: &&Contender<Model, Form>| r.penalised - penalised < TIE;
-        let close = self.contenders.iter().filter(is_close);
-        let (tied_with, tied_unnamed) = close.map(|r| r.candidate.id).partition(|id| id.has_name());
-        let delta_bic = candidate.delta_bic(ln_samples);
-        (model, Chosen { candidate, delta_bic, tied_with, tied_unnamed })
-    }
+/// The model with the winner, and the winner with what is tied with it.
+fn won<Model, Form>(
+    mut contenders: Vec<Contender<Model, Form>>,
+    winner: usize,
+    ln_samples: f64,
+) -> (Model, Chosen<Form>) {
+    let Contender { candidate, model, penalised, .. } = contenders.remove(winner);
+    let close = contenders.iter().filter(|r| r.penalised - penalised < TIE);
+    let (tied_with, tied_unnamed) = close.map(|r| r.candidate.id).partition(|id| id.has_name());
+    let delta_bic = candidate.delta_bic(ln_samples);
+    (model, Chosen { candidate, delta_bic, tied_with, tied_unnamed })
 }
 
 pub struct ExplainedModel<Model, Form> {
@@ -140,10 +143,11 @@ pub fn search<S: System>(
             break; // the last step only tests what is left
         }
 
-        let round = system.round(&now, &tried, &causes);
-        let Some(winner) = round.winner() else {
+        let contenders = system.round(&now, &tried, &causes);
+        let may_enter = |at: &usize| S::RIVALS_MAY_ENTER || contenders[*at].candidate.has_name();
+        let Some(winner) = winner(&contenders).filter(may_enter) else {
             // a named candidate that had passed, where none survived its refit, is significant but no cause
-            if round.contenders.iter().all(|r| !r.candidate.has_name()) {
+            if contenders.iter().all(|r| !r.candidate.has_name()) {
                 let lost = tried.into_iter().find(|t| t.has_name() && t.accepted());
                 let objection = Some(Objection::LeadsNowhere);
                 unnamed.extend(lost.map(|lost| Candidate { objection, ..lost }));
@@ -151,8 +155,8 @@ pub fn search<S: System>(
             break;
         };
 
-        round.tell(winner, &mut evidence[rows..], ln_samples);
-        let (model, cause) = round.won(winner, ln_samples);
+        tell(&contenders, winner, &mut evidence[rows..], ln_samples);
+        let (model, cause) = won(contenders, winner, ln_samples);
         causes.push(cause);
         match system.settled(model, &mut causes) {
             ControlFlow::Continue(model) => now = model,
@@ -170,34 +174,25 @@ mod tests {
     use super::super::catalogue::CauseId::{self, *};
     use super::*;
 
-    /// The winner of a round, and what is tied with it. `contenders`: identifier, penalised -2 ln likelihood, and
-    /// whether it may enter.
-    fn won(contenders: &[(CauseId, f64, bool)], least: f64) -> Option<(CauseId, Vec<CauseId>)> {
-        let rival = |&(id, penalised, may_enter): &(CauseId, f64, bool)| Contender {
-            candidate: Candidate::plain(id, -penalised, ()),
-            model: (),
-            penalised,
-            may_enter,
-        };
-        let round = Round { contenders: contenders.iter().map(rival).collect(), least };
-        let winner = round.winner()?;
-        let ((), Chosen { candidate, tied_with, tied_unnamed, .. }) = round.won(winner, 1.0);
+    fn contender(id: CauseId, penalised: f64) -> Contender<(), ()> {
+        let candidate = Candidate::plain(id, -penalised, ());
+        Contender { candidate, model: (), penalised, is_weak: penalised > -10.0 }
+    }
+
+    /// The winner, and what is tied with it. `all`: with penalised -2 ln likelihood.
+    fn chosen(all: &[(CauseId, f64)]) -> Option<(CauseId, Vec<CauseId>)> {
+        let all: Vec<_> = all.iter().map(|(id, penalised)| contender(*id, *penalised)).collect();
+        let winner = winner(&all)?;
+        let ((), Chosen { candidate, tied_with, tied_unnamed, .. }) = won(all, winner, 1.0);
         Some((candidate.id, [tied_with, tied_unnamed].concat()))
     }
 
     #[test]
     fn who_passes_and_is_not_chosen_is_told_by_what() {
         let all = [(Tone, 300.0), (Offset, 40.0), (Lowpass, 60.0), (Droop, 3.0)];
-        let all = all.map(|(id, statistic)| Candidate::plain(id, statistic, ()));
-        let contender = |c: &Candidate| Contender {
-            candidate: c.clone(),
-            model: (),
-            penalised: -c.statistic,
-            may_enter: true,
-        };
-        let round = Round { contenders: all[..2].iter().map(contender).collect(), least: -300.0 };
-        let mut rows = all.map(|candidate| candidate.evidence(0, 1.0));
-        round.tell(0, &mut rows, 1.0);
+        let all = all.map(|(id, statistic)| contender(id, -statistic));
+        let mut rows = all.each_ref().map(|of| of.candidate.evidence(0, 1.0));
+        tell(&all[..2], 0, &mut rows, 1.0);
         let told = rows.each_ref().map(Evidence::why_not_in_words);
         assert_eq!(told, ["", "tone explains more", "explained by tone", "not significant"]);
         let passes = Candidate::plain(Offset, 40.0, ()).evidence(1, 1.0).why_not_in_words();
@@ -206,14 +201,15 @@ mod tests {
 
     #[test]
     fn a_name_enters_unless_something_without_one_is_clearly_likelier() {
-        let near = [(Offset, -50.0, true), (EvenSpring, -52.0, true), (Droop, -47.0, true)];
-        assert_eq!(won(&near, -52.0), Some((Offset, vec![Droop, EvenSpring])));
-        let far = [(Offset, -50.0, true), (EvenSpring, -60.0, true)];
-        assert_eq!(won(&far, -60.0), Some((EvenSpring, vec![])));
-        // no winner: something without a name is likelier but may not enter, or is a bump that is no rival
-        // here
-        assert_eq!(won(&[(Offset, -50.0, true), (EvenSpring, -60.0, false)], -60.0), None);
-        assert_eq!(won(&[(Offset, -50.0, true)], -60.0), None);
-        assert_eq!(won(&[], f64::INFINITY), None);
+        let near = [(Offset, -50.0), (EvenSpring, -52.0), (Droop, -47.0)];
+        assert_eq!(chosen(&near), Some((Offset, vec![Droop, EvenSpring])));
+        let far = [(Offset, -50.0), (EvenSpring, -60.0)];
+        assert_eq!(chosen(&far), Some((EvenSpring, vec![])));
+        assert_eq!(chosen(&[(Offset, -9.0)]), None, "it is weak");
+        assert_eq!(
+            chosen(&[(Offset, -11.0), (EvenSpring, -9.0)]),
+            Some((Offset, vec![EvenSpring]))
+        );
+        assert_eq!(chosen(&[]), None);
     }
 }

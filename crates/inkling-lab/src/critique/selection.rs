@@ -15,7 +15,7 @@ use super::chance::HINT;
 use super::leftovers::Finding;
 use super::model::Model;
 use super::refit::{Refit, apply, follow, refit};
-use super::search::{Contender, ExplainedModel, Round, System, search};
+use super::search::{Contender, ExplainedModel, System, search};
 use super::work::{self, Stage, Work};
 use std::ops::ControlFlow;
 
@@ -68,6 +68,7 @@ impl System for Setting<'_> {
     type Form = Applied;
     const MOST_CAUSES: u32 = 4;
     const TIED_MAY_ENTER: bool = false;
+    const RIVALS_MAY_ENTER: bool = false;
     const TRYING: Stage = work::CATALOGUE;
 
     fn work(&self) -> &Work {
@@ -83,11 +84,15 @@ impl System for Setting<'_> {
         scored
     }
 
-    /// Those that explain something after the refit, the likeliest first. A rival never enters the model; if it
-    /// wins, the search ends.
-    fn round(&self, now: &Refit, tried: &[Scored], _: &[Chosen<Applied>]) -> Round<Refit, Applied> {
+    /// Those that explain something after the refit, the likeliest first.
+    fn round(
+        &self,
+        now: &Refit,
+        tried: &[Scored],
+        _: &[Chosen<Applied>],
+    ) -> Vec<Contender<Refit, Applied>> {
         let best = tried.iter().find(|s| s.has_name() && s.accepted());
-        let Some(best) = best else { return Round { contenders: vec![], least: f64::INFINITY } };
+        let Some(best) = best else { return Vec::new() };
         let before = now.deviance(best.id);
         let competing = |named: bool, most: usize| {
             let those = tried.iter().filter(move |s| s.has_name() == named);
@@ -102,14 +107,13 @@ impl System for Setting<'_> {
             (contender.last_is_able(*self) && deviance < before).then(|| Contender {
                 model: contender,
                 penalised: deviance + 2.0 * (free_parameters(scored) + scored.tried.ln()),
-                may_enter: scored.has_name(),
+                is_weak: false,
                 candidate: Scored { statistic: before - deviance, ..scored.clone() },
             })
         };
         let mut contenders: Vec<_> = all.filter_map(refitted).collect();
         contenders.sort_by(|p, q| p.penalised.total_cmp(&q.penalised));
-        let least = contenders.first().map_or(f64::INFINITY, |likeliest| likeliest.penalised);
-        Round { contenders, least }
+        contenders
     }
 
     fn settled(&self, now: Refit, _: &mut Vec<Chosen<Applied>>) -> ControlFlow<Refit, Refit> {

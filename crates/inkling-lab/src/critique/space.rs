@@ -146,28 +146,3 @@ impl Space {
         BTreeMap::from([(0, self.k.nrows())])
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::super::generator::{Run, draw};
-    use super::*;
-
-    #[test]
-    fn two_halves_of_the_channels_say_what_all_say() {
-        let data = draw(&Run { channels: 7, bursts: 3, ..Run::default() }, 33);
-        let model = Model::fitted(&data, 1).unwrap();
-        let wholes = Part::of(&model, &data, 0..data.len());
-        for (space, whole) in Space::of(&model, &data).into_iter().zip(wholes) {
-            let near = |a: f64, b: f64, scale: f64| (a - b).abs() <= 1e-9 * scale.max(1.0);
-            let scale = whole.g.amax();
-            assert!(space.g.iter().zip(&whole.g).all(|(a, b)| near(*a, *b, scale)));
-            let low = PATTERNS * data.samples;
-            let scale = whole.k.amax();
-            for row in low..space.k.nrows() {
-                for column in 0..low {
-                    assert!(near(space.k[(row, column)], whole.k[(row, column)], scale));
-                }
-            }
-        }
-    }
-}

@@ -5,22 +5,18 @@
 //!
 //! The steps: (1) average all signals per unit drive; (2) find the best single ring of this average by a grid
 //! over frequency and damping; (3) let each channel descend from that ring to its own; (4) move the mean to the
-//! channels' median; (5) where channels were heard repeatedly, look for each signal's ring at other frequencies,
-//! too, where a descent would not find it.
+//! channels' median.
 
 use super::matrices::{Matrix5, Vector5};
-use super::model::{Additions, LAMBDA_OVER_SIGMA, Linear, Model, free_products};
+use super::model::{Additions, LAMBDA_OVER_SIGMA, Model};
 use super::observations::Observations;
 use inkling_core::model::free_decay::{FREE, Theta};
-use inkling_core::model::inner_product::dot;
 use inkling_core::model::median::median_of;
 use inkling_core::model::waves::power_at;
 use inkling_core::numbers::LITTLE;
-use nalgebra::{DMatrix, DVector, Matrix3};
+use nalgebra::{DMatrix, DVector};
 
 const START_OVER_NOISE: f64 = 300.0;
-/// Largest change of ln omega from its channel's that is searched for a signal.
-const MOST_DRIFT: f64 = 0.1;
 
 impl Model {
     pub fn start(data: &Observations) -> Option<Model> {
@@ -57,47 +53,7 @@ impl Model {
         for j in 0..FREE {
             model.mean[j] = median_of(model.units.iter().map(|unit| unit[j]));
         }
-        if data.len() > data.units {
-            model.each = model.by_halves(data.len(), |model, i| model.nearest(i, data));
-        }
         Some(model)
-    }
-
-    /// Signal i's own deviation from which a descent should start: zero, or that to the best ring of another
-    /// frequency, if it leaves less than half of the square that the channel's ring leaves. A descent alone
-    /// would not find a ring of many oscillations whose phase has drifted by more than about a radian.
-    fn nearest(&mut self, i: usize, data: &Observations) -> Theta {
-        // a step of ln omega turns the phase by half a radian while the ring or, if shorter, the signal lasts
-        let step = 0.5 * self.mean[0].exp().max(1.0) / self.mean[1].exp();
-        let steps = (MOST_DRIFT / step).min(8.0) as i32;
-        let scale = self.scale();
-        // the square of the residual once the amplitudes a, b, c are fitted, and the deviation with these
-        let mut linear = Linear::default();
-        let mut left = |model: &mut Model, own: Theta| {
-            model.each[i] = own;
-            model.linearise(i, data, &mut linear);
-            let (gram, product) = free_products(&linear, &scale);
-            let gram = gram.fixed_view::<3, 3>(2, 2).into_owned();
-            let gram = gram + Matrix3::identity() * (1e-9 * gram.trace());
-            let product = product.fixed_rows::<3>(2).into_owned();
-            let moved = gram.cholesky().map(|c| c.solve(&product)).unwrap_or_default();
-            let square = dot(&linear.residual, &linear.residual) - product.dot(&moved);
-            let mut theta = own;
-            (0..3).for_each(|j| theta[j + 2] += moved[j] * scale[j + 2]);
-            (square, theta)
-        };
-        let there = left(self, Theta::zeros()).0;
-        let mut best = (0.5 * there, Theta::zeros());
-        for k in (-steps..=steps).filter(|k| *k != 0) {
-            let mut own = Theta::zeros();
-            own[1] = step * f64::from(k);
-            let (square, theta) = left(self, own);
-            if square < best.0 {
-                best = (square, theta);
-            }
-        }
-        self.each[i] = Theta::zeros();
-        best.1
     }
 }
 

@@ -55,6 +55,11 @@ pub const LN_LAMBDA_SD: f64 = 0.2;
 
 // lines
 
+/// Largest number of lines beside the ring of a decay, largest power of the ring that is fitted to it, and largest
+/// multiple of a frequency at which its lines are looked for. (-)
+pub const MOST_LINES: usize = 11;
+pub const MOST_HARMONIC: u8 = 5;
+pub const MOST_MULTIPLE: i32 = 24;
 /// A line below this share of the ring's frequency is no second mode. (-)
 pub const LEAST_MODE: f64 = 0.3;
 /// Statistic of a meniscus's slow mode from which on its damping is fitted. (7.1)
@@ -69,14 +74,16 @@ pub const FORESEEN: f64 = 0.3;
 /// this much of that from its first sample on: .02 and .22 in swings that were let go after the record began, .56
 /// at least in records of which no sample is the first free one (`../shared/measured`).
 pub const DRIVEN: f64 = 0.33;
+/// The onset of a free decay lies in the first one of so many parts of its record. (-)
+pub const ONSET_WITHIN: usize = 4;
 
 // signals that ring unlike the others
 
 /// Number of robust standard deviations beyond which a signal, or a sample, is an outlier. (signals -,
 /// samples 7.8)
 pub const OUTLYING: f64 = 7.0;
-/// Least robust standard deviation of ln damping; others are in proportion (`outliers.rs`). (-)
-pub const LEAST_SCATTER: f64 = 0.025;
+/// Least robust standard deviations of ln damping, ln frequency and ln amplitude. (-)
+pub const LEAST_SCATTER: [f64; 3] = [0.025, 0.004, 0.015];
 /// Number of outlying samples of one sign in a row that make a shape. (7.8)
 pub const ODD_IN_A_ROW: usize = 3;
 
@@ -89,6 +96,14 @@ pub const UNTOLD_NOISE: f64 = 0.01;
 pub const LINE_BOUND: f64 = 1.5;
 /// Share of clipping's surprise that counts: the scatter of the largest signals is not modelled. (-)
 pub const CLIPPED_SHARE: f64 = 0.44;
+/// The last code of clipped samples holds more than so many, and than this share of those that are missing. (-)
+pub const CROWDED: [f64; 2] = [4.0, 0.5];
+/// Fewest signals of which noise is told, and fewest contrasts of bursts of which a jitter is. (-)
+pub const FEWEST_OF_NOISE: usize = 16;
+pub const FEWEST_CONTRASTS: usize = 8;
+/// A change from sample to sample that is smaller, relative to the root mean square of all, is that of numbers that
+/// are cut in files. (-)
+pub const LEAST_CHANGE: f64 = 0.01;
 /// Relative spread of the drive from which on the recording counts as a drive scan. (-)
 pub const DRIVE_SCAN: f64 = 0.03;
 

@@ -21,6 +21,7 @@
 //! s(V): the spring's force (V itself without a term); output q_r + q_n
 //! ```
 
+use super::catalogue::CauseId;
 use inkling_core::model::InkChannel;
 use nalgebra::{Vector3, matrix};
 use std::f64::consts::PI;
@@ -29,29 +30,19 @@ use std::f64::consts::PI;
 const STEPS: usize = 2;
 const RADIANS: f64 = 0.12;
 
-/// A term of the equation of motion. Strengths refer to amplitudes at t_a and unit drive.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Term {
-    /// -k3 V^3 added to the compliance's restoring -V (Duffing). Strength: the relative change of
-    /// the frequency.
-    CubicStiffness,
-    /// -k |q_n| q_n: turbulent loss at the nozzle's orifice. Strength: the relative change of
-    /// damping.
-    QuadraticDrag,
-    /// -mu sign(q_n): Coulomb friction. Strength: the relative change of damping.
-    DryFriction,
-    /// A half-order derivative of the flow (oscillating boundary layer) in place of a share of the
-    /// nozzle's viscous loss. Strength: that share.
-    FractionalDamping,
-    /// k V^2 added to V in the spring's force. Strength: the term over the linear force at the
-    /// amplitude.
-    EvenStiffness,
-    /// k (V - at) added to V beyond `at`, in amplitudes, on that side of V = 0 on which `at` lies.
-    /// Strength: k, the stop's stiffness over the spring's.
-    Stop { at: f64 },
-    /// No force of the spring within a gap about V = 0. Strength: half of the gap's width over the
-    /// amplitude; below 0 the force within is twice as large instead.
-    Gap,
+/// A term of the equation of motion. Its strength refers to the amplitudes at t_a and unit drive: the relative change of
+/// the frequency, or of the damping, that it causes; or for
+///
+/// * half-order loss (a boundary layer that oscillates): the share of the nozzle's viscous loss that it replaces;
+/// * a spring of even order: the term over the linear force at the amplitude;
+/// * a stop: its stiffness over the spring's, beyond a `place`, in amplitudes, on that side of V = 0 on which that lies;
+/// * a gap, within which there is no force: half of its width over the amplitude; below 0 the force within is twice as
+///   large instead.
+#[derive(Clone, Copy, Debug)]
+pub struct Term {
+    pub id: CauseId,
+    pub strength: f64,
+    pub place: f64,
 }
 
 /// A free decay as it shows in the output: the y of [`inkling_core::model::free_decay`]; rates per signal length,
@@ -89,10 +80,7 @@ impl Strengths {
     /// The spring's force at the displacement `v`: without a term `v` itself.
     fn spring(&self, v: f64) -> f64 {
         let Strengths { cubic, even, stop, at, gap, .. } = *self;
-        // the part within the gap; unlike `clamp`, this does not panic where the gap is not a
-        // number
-        let within = v.max(-gap.abs()).min(gap.abs()) * gap.signum();
-        v + cubic * v * v * v + even * v * v + stop * past(v, at) - within
+        v + cubic * v * v * v + even * v * v + stop * past(v, at) - within(v, gap)
     }
 
     /// Force of the half-order loss at the time `t`, interpolated between samples.
@@ -115,6 +103,23 @@ pub fn lagging(amplitudes: impl Iterator<Item = f64>, lag: f64) -> Vec<f64> {
         *level.insert(now + (before - now) * kept)
     };
     amplitudes.map(follow).collect()
+}
+
+/// What a sensor without a name adds to what it shows of x, in amplitudes, by its strength: c x^2 or c x^3; what a gain
+/// 1/(1 + c level) makes of it; or it takes what lies within +-c, where it is deaf (below 0 that comes twice).
+pub fn sensed(sensor: CauseId, c: f64, x: f64, level: f64) -> f64 {
+    match sensor {
+        CauseId::EvenSensor => c * x * x,
+        CauseId::OddSensor => c * x * x * x,
+        CauseId::GainFollowsAmplitude => x / (1.0 + c * level).max(0.1) - x,
+        _ => -within(x, c),
+    }
+}
+
+/// The part of x within +-width; its negative for a width below 0. Unlike `clamp`, this does not panic where the width
+/// is not a number.
+pub fn within(x: f64, width: f64) -> f64 {
+    x.max(-width.abs()).min(width.abs()) * width.signum()
 }
 
 /// How far a displacement is beyond the place `at`, on that side of 0 on which it lies, else 0.
@@ -187,7 +192,7 @@ impl Interior {
 
     /// The decay at the relative drive `drive`, with a term of a strength ([`Term`]) or without
     /// one: `samples` samples over one signal length, counts.
-    pub fn decay(&self, term: Option<(Term, f64)>, drive: f64, samples: usize) -> Vec<f64> {
+    pub fn decay(&self, term: Option<Term>, drive: f64, samples: usize) -> Vec<f64> {
         let strengths = self.strengths(term, drive, samples);
         let path = self.path(&strengths, drive, samples);
         path.into_iter().map(|x| x[1] + x[2]).collect()
@@ -214,27 +219,26 @@ impl Interior {
         each.collect()
     }
 
-    fn strengths(&self, term: Option<(Term, f64)>, drive: f64, samples: usize) -> Strengths {
+    fn strengths(&self, term: Option<Term>, drive: f64, samples: usize) -> Strengths {
         let [stiff, damped, slope] = self.amplitudes();
         let sigma = self.decay.sigma;
         let mut of = Strengths { small: 0.02 * damped, ..Strengths::default() };
-        match term {
+        let Some(Term { id, strength: e, place }) = term else { return of };
+        match id {
             // harmonic balance at amplitude A: x'' = -w²(x + k x³) oscillates at w (1 + 3/8 k A²)
-            Some((Term::CubicStiffness, e)) => of.cubic = e * 8.0 / 3.0 / (stiff * stiff),
+            CauseId::CubicStiffness => of.cubic = e * 8.0 / 3.0 / (stiff * stiff),
             // equivalent linear loss over a period: k |q| q acts as 8/(3 pi) k A q
-            Some((Term::QuadraticDrag, e)) => {
-                of.drag = e * sigma / (slope * 8.0 / (3.0 * PI) * damped)
-            }
+            CauseId::QuadraticDrag => of.drag = e * sigma / (slope * 8.0 / (3.0 * PI) * damped),
             // mu sign(q) acts over a period as 4 mu/(pi A) q
-            Some((Term::DryFriction, e)) => of.dry = e * sigma * PI * damped / (4.0 * slope),
-            Some((Term::EvenStiffness, e)) => of.even = e / stiff,
-            Some((Term::Stop { at }, e)) => (of.stop, of.at) = (e, at * stiff),
-            Some((Term::Gap, e)) => of.gap = e * stiff,
-            Some((Term::FractionalDamping, e)) => {
+            CauseId::DryFriction => of.dry = e * sigma * PI * damped / (4.0 * slope),
+            CauseId::EvenSpring => of.even = e / stiff,
+            CauseId::OneSidedSpring => (of.stop, of.at) = (e, place * stiff),
+            CauseId::SpringWithGap => of.gap = e * stiff,
+            // half-order loss
+            _ => {
                 let linear = self.path(&of, drive, samples);
                 of.memory = Some(self.memory_force(e, linear.iter().map(|x| x[2]).collect()));
             }
-            None => {}
         }
         of
     }
@@ -294,7 +298,8 @@ mod tests {
         // hardly damped, so that the frequency can be found by counting periods
         let decay = ObservedDecay { sigma: 1e-3, omega: 60.0, lambda: 1.3e-3, c: 0.0, ..DECAY };
         let ink = Interior::ink(&decay, 0.2).unwrap();
-        let y = ink.decay(Some((Term::CubicStiffness, 0.02)), 1.0, 4000);
+        let term = Term { id: CauseId::CubicStiffness, strength: 0.02, place: 0.0 };
+        let y = ink.decay(Some(term), 1.0, 4000);
         let crossings: Vec<f64> = (1..4000)
             .filter(|&k| y[k - 1] < 0.0 && y[k] >= 0.0)
             .map(|k| k as f64 - y[k] / (y[k] - y[k - 1]))
@@ -308,8 +313,8 @@ mod tests {
     fn strengths_of_drag_and_friction_are_the_change_of_damping_at_the_start() {
         let decay = ObservedDecay { sigma: 0.5, omega: 300.0, lambda: 0.65, c: 0.0, ..DECAY };
         let ink = Interior::ink(&decay, 0.2).unwrap();
-        for term in [Term::QuadraticDrag, Term::DryFriction] {
-            let y = ink.decay(Some((term, 0.2)), 1.0, 8000);
+        for id in [CauseId::QuadraticDrag, CauseId::DryFriction] {
+            let y = ink.decay(Some(Term { id, strength: 0.2, place: 0.0 }), 1.0, 8000);
             // amplitude over the first periods, by projection on the ring's frequency
             let amplitude = |from: usize| {
                 let (mut re, mut im) = (0.0, 0.0);
@@ -321,7 +326,7 @@ mod tests {
                 f64::hypot(re, im)
             };
             let sigma = (amplitude(0) / amplitude(336)).ln() / (336.0 / 8000.0);
-            assert!((sigma / 0.5 - 1.2).abs() < 0.02, "{term:?} {sigma}");
+            assert!((sigma / 0.5 - 1.2).abs() < 0.02, "{id} {sigma}");
         }
     }
 }

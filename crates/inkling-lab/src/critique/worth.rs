@@ -18,11 +18,13 @@ use super::candidates::{Applied, Setting};
 use super::catalogue::CauseId;
 use super::chance::maximum;
 use super::finding::{LogLikelihood, Worth};
-use super::held_out::{Population, TrainTestSplit, baseline, by_channel, population, with};
+use super::held_out::{
+    Population, Signal, TrainTestSplit, baseline, by_channel, population, signals, with,
+};
 use super::leftovers::{Artefacts, accepted};
 use super::model::{Codes, Model, Rail};
 use super::observations::{Observations, Row};
-use super::predictive::{Growth, Noise, Signal, ln_densities_with_jitter, signals};
+use super::predictive::{Growth, Noise, by_shift, ln_densities_with_jitter};
 use inkling_core::model::normal::ln_upper_tail;
 use std::f64::consts::TAU;
 
@@ -242,8 +244,10 @@ impl Measuring<'_> {
         if let Some(sd) = jitter {
             let data = &self.split.train;
             let guess = (sd / (data.length_s())).powi(2);
-            let variance = fitted(guess, &|var| ln_densities_with_jitter(&train, &noise, var));
-            add(CauseId::TriggerJitter, ln_densities_with_jitter(test, &noise, variance));
+            let shift = by_shift(&self.extended);
+            let with = |all: &[Signal], var| ln_densities_with_jitter(all, &noise, &shift, var);
+            let variance = fitted(guess, &|var| with(&train, var));
+            add(CauseId::TriggerJitter, with(test, variance));
         }
         steps
     }
@@ -299,7 +303,10 @@ mod tests {
         for (seed, (id, size)) in planted.into_iter().enumerate() {
             let run = Run { channels: 12, bursts: 16, effect: Some(id), size, ..Run::default() };
             let critique = criticised(&draw(&run, 9000 + seed as u64));
-            let named: Vec<_> = critique.causes.iter().map(|c| c.id.name()).collect();
+            let named: Vec<_> = critique.causes.iter().map(|c| c.id).collect();
+            assert_eq!(named, [id]);
+            let (value, of_size) = (critique.causes[0].value, !matches!(id, RandomTone));
+            assert!(!of_size || (value / size - 1.0).abs() < 0.4, "{id}: {value}");
             let worth = critique.gain.worth(id);
             assert!(worth.is_some_and(|worth| worth.is_sure()), "{id}: {named:?} {worth:?}");
         }

@@ -2,15 +2,14 @@
 //!
 //! In: an `Axis` as a figure asks for it, and the values of the data on it. Out to `plot`: a
 //! `Scale`, which `plotters` draws by. Figures have values, a `Scale` has coordinates: on a
-//! logarithmic axis the coordinate is the decimal logarithm of the value, on others the value
-//! itself; on an axis of categories it is the number of the category.
+//! logarithmic axis the coordinate is the decimal logarithm of the value, on others the value itself.
 
 use plotters::coord::ranged1d::{DefaultFormatting, KeyPointHint};
 use plotters::coord::types::RangedCoordf64;
 use plotters::prelude::Ranged;
 use std::ops::Range;
 
-/// Largest number of ticks of an axis of numbers.
+/// Largest number of ticks of a linear axis.
 const MOST_TICKS: f64 = 8.0;
 
 /// An axis as a figure asks for it.
@@ -19,14 +18,12 @@ pub struct Axis {
     /// The label, with the unit.
     pub label: String,
     pub log: bool,
-    /// Names of the positions 0, 1, 2 ...; empty for an axis of numbers.
-    pub categories: Vec<String>,
     /// Smallest and largest value; `None`: the range of the data.
     pub range: Option<(f64, f64)>,
 }
 
 impl Axis {
-    /// An axis of numbers that is linear, with the range of the data.
+    /// A linear axis, with the range of the data.
     pub fn new(label: &str) -> Axis {
         Axis { label: label.into(), ..Axis::default() }
     }
@@ -47,14 +44,11 @@ impl Axis {
         Scale { low, high, ticks: self.ticks(low, high) }
     }
 
-    /// Smallest and largest coordinate: the fixed range, or all categories with some room, or the
-    /// data with 4 % of room at each end; 0 to 1 without data.
+    /// Smallest and largest coordinate: the fixed range, or the data with 4 % of room at each end; 0 to 1
+    /// without data.
     fn span(&self, values: impl Iterator<Item = f64>) -> (f64, f64) {
         if let Some((low, high)) = self.range {
             return (self.at(low), self.at(high));
-        }
-        if !self.categories.is_empty() {
-            return (-0.7, self.categories.len() as f64 - 0.3);
         }
         let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
         for v in values.filter(|v| v.is_finite()).map(|v| self.at(v)) {
@@ -67,13 +61,8 @@ impl Axis {
         (low - room, high + room)
     }
 
-    /// The text of a tick at a coordinate; empty on an axis of categories if it is no category's.
+    /// The text of a tick at a coordinate.
     pub(super) fn tick(&self, v: f64) -> String {
-        if !self.categories.is_empty() {
-            let near = v.round();
-            let on = (v - near).abs() < 1e-6 && near >= 0.0;
-            return self.categories.get(near as usize).filter(|_| on).cloned().unwrap_or_default();
-        }
         if self.log {
             let power = v.round();
             if (v - power).abs() < 1e-6 && !(-3.0..=5.0).contains(&power) {
@@ -86,9 +75,6 @@ impl Axis {
 
     /// Coordinates of the ticks between two coordinates.
     fn ticks(&self, low: f64, high: f64) -> Vec<f64> {
-        if !self.categories.is_empty() {
-            return (0..self.categories.len()).map(|k| k as f64).collect();
-        }
         let span = high - low;
         if !(span > 0.0 && span.is_finite()) {
             return vec![low];

@@ -1,12 +1,12 @@
-//! Scores critiques against what a simulation hid in the recordings that were criticised.
+//! Scores critiques against what a simulation hid in the recordings that were criticised: names against truth.
 //!
-//! In: for each recording a `CritiqueAnswer` (from its `critique.json`) and its [`Truth`], from `inkling score
-//! --truth` and the tests of hidden effects. Out: a [`Blind`], which counts outcomes by effect and by strength. A critique names *causes*; a simulation hides *effects*. A *tie* is a group of causes that
-//! the critique could not tell apart.
+//! In: a `CritiqueAnswer` (from a `critique.json`) and the [`Truth`] of its recording, from `inkling score
+//! --truth` and the tests of hidden effects. Out: an [`Outcome`]. A critique names *causes*; a simulation hides
+//! *effects*. A *tie* is a group of causes that the critique could not tell apart.
 
 use super::truth::{Circumstance, TrueEffect, Truth};
 use serde::{Deserialize, Serialize};
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -65,18 +65,15 @@ pub enum Outcome {
     Wrong,
 }
 
-/// In the order of the outcomes.
-const WORDS: [(Outcome, &str); 5] = [
-    (Outcome::Right, "right"),
-    (Outcome::Tied, "tied"),
-    (Outcome::Unknown, "unknown"),
-    (Outcome::Missed, "missed"),
-    (Outcome::Wrong, "wrong"),
-];
-
 impl Outcome {
     pub fn word(self) -> &'static str {
-        WORDS[self as usize].1
+        match self {
+            Outcome::Right => "right",
+            Outcome::Tied => "tied",
+            Outcome::Unknown => "unknown",
+            Outcome::Missed => "missed",
+            Outcome::Wrong => "wrong",
+        }
     }
 }
 
@@ -144,76 +141,6 @@ pub fn outcome(answer: &CritiqueAnswer, truth: &Truth) -> Outcome {
         });
     }
     if open.is_empty() { said } else { said.max(Outcome::Missed) }
-}
-
-/// How many recordings have each outcome.
-#[derive(Clone, Debug, Default, PartialEq, Serialize)]
-pub struct Row(BTreeMap<Outcome, u32>);
-
-impl Row {
-    pub fn count(&self, outcome: Outcome) -> u32 {
-        self.0.get(&outcome).copied().unwrap_or(0)
-    }
-
-    pub fn recordings(&self) -> u32 {
-        self.0.values().sum()
-    }
-
-    /// Share of the recordings that have one of these outcomes; NaN without recordings.
-    pub fn share(&self, outcomes: &[Outcome]) -> f64 {
-        let n: u32 = outcomes.iter().map(|o| self.count(*o)).sum();
-        f64::from(n) / f64::from(self.recordings())
-    }
-}
-
-#[derive(Clone, Debug, Default)]
-pub struct Blind {
-    /// By effects (`a + b` for two; empty: nothing is hidden) and strength in detection limits, rounded; of two
-    /// effects the weaker one's strength, and 0 where nothing is hidden.
-    rows: BTreeMap<(String, u32), Row>,
-}
-
-impl Blind {
-    pub fn add(&mut self, answer: &CritiqueAnswer, truth: &Truth) -> Outcome {
-        let ids: Vec<&str> = truth.effects.iter().map(|e| e.id.as_str()).collect();
-        let strength = truth.effects.iter().map(|e| e.strength_dl).reduce(f64::min).unwrap_or(0.0);
-        let row = self.rows.entry((ids.join(" + "), strength.round() as u32)).or_default();
-        let outcome = outcome(answer, truth);
-        *row.0.entry(outcome).or_default() += 1;
-        outcome
-    }
-
-    /// All recordings.
-    pub fn total(&self) -> Row {
-        let mut sum = Row::default();
-        let counts = self.rows.values().flat_map(|row| &row.0);
-        counts.for_each(|(outcome, n)| *sum.0.entry(*outcome).or_default() += n);
-        sum
-    }
-
-    /// A Markdown table with a line for each effect (or effects) and strength.
-    pub fn markdown(&self) -> String {
-        let heads: String = WORDS.iter().map(|(_, word)| format!(" {word} |")).collect();
-        let rule = "---|".repeat(WORDS.len() + 3);
-        let mut text = format!("| hidden | DL | recordings |{heads}\n|{rule}\n");
-        for ((effects, strength), row) in &self.rows {
-            let counts: String =
-                WORDS.iter().map(|(of, _)| format!(" {} |", row.count(*of))).collect();
-            let effects = if effects.is_empty() { "nothing" } else { effects };
-            text += &format!("| {effects} | {strength} | {} |{counts}\n", row.recordings());
-        }
-        text
-    }
-
-    /// The same as a list.
-    pub fn json(&self) -> serde_json::Value {
-        let row = |((effects, strength), row): (&(String, u32), &Row)| {
-            serde_json::json!({
-                "hidden": effects, "strength_dl": strength, "recordings": row.recordings(), "outcomes": row
-            })
-        };
-        self.rows.iter().map(row).collect()
-    }
 }
 
 #[cfg(test)]
@@ -290,18 +217,5 @@ mod tests {
         ] {
             assert_eq!(outcome(&answer, &truth), expected, "{answer:?} {truth:?}");
         }
-    }
-
-    #[test]
-    fn counts_add_up() {
-        let mut blind = Blind::default();
-        blind.add(&answer(Verdict::Named, &[&["tone"]]), &truth(&["tone"], &[], &[]));
-        blind.add(&answer(Verdict::None, &[]), &truth(&["tone"], &[], &[]));
-        blind.add(&answer(Verdict::None, &[]), &truth(&[], &[], &[]));
-        let total = blind.total();
-        assert_eq!((total.recordings(), total.count(Outcome::Right)), (3, 2));
-        assert!((total.share(&[Outcome::Missed]) - 1.0 / 3.0).abs() < 1e-12);
-        assert!(blind.markdown().contains("| tone | 4 | 2 | 1 | 0 | 0 | 1 | 0 |"));
-        assert_eq!(blind.json()[0]["outcomes"]["right"], 1);
     }
 }

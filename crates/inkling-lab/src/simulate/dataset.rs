@@ -6,11 +6,10 @@
 //! number the channels on from set to set (so that one labels file covers all sets), and, when a burst is
 //! asked for, sense one signal for each truth. [`super::thesis_form`] makes its sets here, too.
 
-use super::burst_shape;
 use super::draws::{Purpose, part, stream};
 use super::scenario::{Physics, RecordingOptions};
 use super::sensor::{Channel, NOMINAL_DRIVE_V, NOMINAL_TEMPERATURE_C, Sensor};
-use super::simulated::{SimulatedRecording, healthy_everywhere};
+use super::simulated::{SimulatedRecording, burst_of, healthy_everywhere};
 use inkling_core::burst::Burst;
 use inkling_core::labels::{Channels, Label};
 use inkling_core::model::faults;
@@ -21,8 +20,8 @@ use std::sync::Arc;
 
 /// The printhead of all sets.
 pub const PRINTHEAD: &str = "dataset";
-/// Number of channels in a burst, where the scenario does not say.
-pub const CHANNELS_PER_BURST: u32 = 450;
+/// Number of channels in a burst.
+const CHANNELS_PER_BURST: usize = 450;
 /// Time from one burst of a set to the next, ns.
 const BURST_INTERVAL_NS: i64 = 1_000_000_000;
 
@@ -124,32 +123,29 @@ pub(super) fn recordings_of<S>(
 where
     S: FnMut(&Truth, &mut Vec<i16>) + Send + 'static,
 {
-    let per_burst = options.channels_per_burst.unwrap_or(CHANNELS_PER_BURST);
     let common = Burst { printhead: PRINTHEAD.into(), ..common };
     let (mut next_burst, mut next_channel) = (0, 0);
     let record = |set: Set| {
         // bursts, and so their times, are counted on from set to set, as channels are
-        let burst_count = (set.truths.len() as u64).div_ceil(u64::from(per_burst));
+        let bursts = set.truths.len().div_ceil(CHANNELS_PER_BURST);
         let (first_burst, first_channel) = (next_burst, next_channel);
-        next_burst += burst_count as i64;
-        next_channel += set.truths.len() as u32;
-        let (start_ns, mut sense) = (options.start_ns, sense(set.part));
-        let (shape, common) = (options.clone(), common.clone());
-        let samples = common.samples_per_channel as usize;
-        let bursts = (0..burst_count).flat_map(move |i| {
-            let from = i as usize * per_burst as usize;
-            let to = set.truths.len().min(from + per_burst as usize);
-            let mut counts = Vec::with_capacity((to - from) * samples);
+        next_burst += bursts;
+        next_channel += set.truths.len();
+        let (start_ns, mut sense, common) = (options.start_ns, sense(set.part), common.clone());
+        let acquire = move |i: usize| {
+            let from = i * CHANNELS_PER_BURST;
+            let to = set.truths.len().min(from + CHANNELS_PER_BURST);
+            let mut counts = Vec::new();
             set.truths[from..to].iter().for_each(|truth| sense(truth, &mut counts));
-            let burst = Burst {
-                t_acq_ns: start_ns + (first_burst + i as i64) * BURST_INTERVAL_NS,
-                first_channel: first_channel + from as u32,
+            let beside = Burst {
+                t_acq_ns: start_ns + (first_burst + i) as i64 * BURST_INTERVAL_NS,
+                first_channel: (first_channel + from) as u32,
                 ..common.clone()
             };
-            burst_shape::bursts((burst, counts), &shape)
-        });
+            burst_of(beside, &counts)
+        };
         let (stem, options) = (set.stem.to_owned(), options.clone());
-        SimulatedRecording { stem, bursts: Box::new(bursts), options }
+        SimulatedRecording { stem, bursts: Box::new((0..bursts).map(acquire)), options }
     };
     sets.into_iter().map(record).collect()
 }

@@ -8,13 +8,12 @@
 //! physics scenario but are not among its recordings: effects that the model does not know ([`hidden`]), and
 //! nozzles that are dried on purpose ([`drying`]).
 //!
-//! Shared are: one channel's signal (`sensor`), random streams (`draws`), samples into bursts (`burst_shape`),
-//! and a recording that is not yet made (`simulated`).
+//! Shared are: one channel's signal (`sensor`), random streams (`draws`), and bursts and a recording that is
+//! not yet made (`simulated`).
 //!
 //! Bursts are made when they are asked for, so memory does not grow with the length of a run. The same
 //! scenario and seed give the same bytes.
 
-mod burst_shape;
 pub mod dataset;
 mod draws;
 pub mod drying;

@@ -9,11 +9,10 @@
 //! Departs: (2-1) adds B_f f of faults that a channel has at once. Two large ones together would make a rate
 //! negative; here each fault changes the rates that the faults before it leave.
 
-use super::burst_shape::Acquired;
 use super::draws::{Purpose, part, stream};
 use super::scenario::{Drive, Physics, PrintRun, RecordingOptions};
 use super::sensor::{Channel, NOMINAL_TEMPERATURE_C, Sensor, at_viscosity};
-use super::simulated::{SimulatedRecording, healthy_heads};
+use super::simulated::{SimulatedRecording, burst_of, healthy_heads};
 use inkling_core::burst::Burst;
 use inkling_core::fault::CLASSES;
 use inkling_core::labels::{Channels, Label};
@@ -209,7 +208,7 @@ struct Printhead {
 
 impl Printhead {
     /// Simulates the acquisition at burst `step`, whose time is `t_ns`; steps must be asked for in order.
-    fn acquire(&mut self, physics: &Physics, run: &PrintRun, step: usize, t_ns: i64) -> Acquired {
+    fn acquire(&mut self, physics: &Physics, run: &PrintRun, step: usize, t_ns: i64) -> Burst {
         // temperature: the true one changes the viscosity, the recorded one has an error
         let sine = &physics.temperature;
         let phase = TAU * step as f64 * run.interval_s / sine.period_s + self.temperature_phase_rad;
@@ -236,7 +235,7 @@ impl Printhead {
 
         // what is recorded beside the signals; the neighbours have no effect in this simulation
         let fired = |_| self.neighbours.random_range(0..=2u8);
-        let burst = Burst {
+        let beside = Burst {
             t_acq_ns: t_ns,
             printhead: self.name.clone(),
             sample_period_s: physics.acquisition.sample_period_s(),
@@ -249,7 +248,7 @@ impl Printhead {
             neighbours_fired: (0..self.channels.len()).map(fired).collect(),
             ..Burst::default()
         };
-        (burst, counts)
+        burst_of(beside, &counts)
     }
 }
 

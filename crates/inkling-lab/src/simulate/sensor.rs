@@ -5,9 +5,9 @@
 //! acquisition state x_a; scatter from burst to burst ("shot") multiplies the gain and each component of x_a;
 //! the free decay from x_a is sampled and scaled to counts; white noise is added; the sum is rounded.
 
-use super::burst_shape::digitise;
 use super::draws::{Purpose, about_one, stream};
 use super::scenario::{Acquisition, Physics, Shot, Spread};
+use super::simulated::digitise;
 use inkling_core::model::InkChannel;
 use inkling_core::model::ring_down::ring_down_into;
 use rand::RngExt;

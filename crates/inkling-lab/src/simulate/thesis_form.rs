@@ -6,11 +6,10 @@
 //! to counts, where A, sigma and f are uniform in the box of the signal's class and phi0, rho and lambda are
 //! the same for all. Sets, channels and bursts are arranged by `dataset.rs`.
 
-use super::burst_shape::digitise;
 use super::dataset::{Set, Truth, labels_of, recordings_of, train_and_test};
 use super::draws::{Purpose, stream};
 use super::scenario::{ClassBox, Classes, RecordingOptions};
-use super::simulated::SimulatedRecording;
+use super::simulated::{SimulatedRecording, digitise};
 use inkling_core::burst::Burst;
 use inkling_core::labels::Label;
 use rand::RngExt;

@@ -1,8 +1,7 @@
 //! The labelled data that chapter 4 is run on: simulated data by seed, recorded data by fold.
 //! thesis §4-1.
 //!
-//! In: a seed (`part`), or a user's labelled signals (`Recorded::new`). Out to `measure` and
-//! `figures`: a `Part`, the signals to learn from and those to test on. The two share no signal
+//! In: a seed (`part`), or a user's labelled signals (`Recorded::new`). Out to `measure`: a `Part`, the signals to learn from and those to test on. The two share no signal
 //! and, of recordings, no channel.
 //!
 //! Simulated are two scenarios of `sample_logs/scenarios`, each of which has a training and a test
@@ -15,7 +14,7 @@ use crate::simulate::scenario::{Classes, Kind, Physics};
 use crate::simulate::{Scenario, SimulatedRecording, drying};
 use inkling_core::burst::Beside;
 use inkling_core::design::TrainingSet;
-use inkling_core::fault::{CLASSES, HEALTHY};
+use inkling_core::fault::HEALTHY;
 use inkling_core::identify::SignalSet;
 use inkling_core::labels::Labels;
 use std::collections::btree_map::Entry;
@@ -67,7 +66,7 @@ pub struct Part {
 }
 
 /// The physics scenario, whose channels and acquisition the drying experiment takes.
-pub fn physics() -> Result<Physics, ThesisError> {
+fn physics() -> Result<Physics, ThesisError> {
     match scenario(PHYSICS)?.kind {
         Kind::Physics(physics) => Ok(Physics::clone(&physics)),
         Kind::Classes(_) => Err(ThesisError::Data("a physics scenario is needed".into())),
@@ -158,14 +157,6 @@ pub fn each(set: &TrainingSet) -> impl Iterator<Item = (&str, Vec<f64>)> {
             (state, signals.signal(i).iter().map(|&v| f64::from(v) / drive).collect())
         })
     })
-}
-
-/// The states of a set: healthy first (always), then the thesis's faults, then own classes by name.
-pub fn states(set: &TrainingSet) -> Vec<String> {
-    let is_there = |class: &str| class == HEALTHY || set.faulty.contains_key(class);
-    let known = std::iter::once(HEALTHY).chain(CLASSES).filter(|class| is_there(class));
-    let own = set.faulty.keys().map(String::as_str).filter(|class| !CLASSES.contains(class));
-    known.chain(own).map(str::to_owned).collect()
 }
 
 /// Number of healthy signals of a set.

@@ -11,12 +11,11 @@
 //! practice; the product's default.
 
 use super::datasets::{Part, faulty, healthy, with_faulty};
-use super::key_numbers::KeyNumbers;
 use super::methods::{
     COMPARED, Compared, Detection, ROWS, Size, figure, isolation, own_isolation, thesis_detect,
 };
 use super::outcome::{Confusion, Figures, ThesisError};
-use super::practice::{Thresholds, key_numbers};
+use super::practice::{KeyNumbers, Thresholds, key_numbers};
 use crate::score::{Prediction, Report, Score};
 use inkling_core::design::{
     Design, DetectSettings, IsolateSettings, Judge, TrainingSet, Workspace,
@@ -27,8 +26,6 @@ use inkling_core::identify::GreyBoxSettings;
 use inkling_core::isolate::{IsolateMethod, IsolateSignal};
 use std::collections::BTreeSet;
 
-/// Share of the faulty signals whose phi reaches .8 in thesis Table 4-4.
-const SHARE_KEPT: f64 = 0.532;
 /// Classes that the manufacturer's own method can name, thesis §4-3.
 const KNOWN_TO_PRACTICE: [&str; 4] = ["EC", "AB3", "BN", "PBN"];
 
@@ -46,18 +43,18 @@ pub fn train(
 }
 
 /// One signal as the design's judge meets it.
-pub struct TestSignal<'a> {
-    pub judge: &'a Judge,
+struct TestSignal<'a> {
+    judge: &'a Judge,
     /// The signal minus what the design expects of its printhead at its drive, N samples, counts.
-    pub deviation: &'a [f64],
+    deviation: &'a [f64],
     /// Drive voltage over the reference voltage.
-    pub drive: f64,
+    drive: f64,
     /// The true state, `healthy` or a fault class.
-    pub state: &'a str,
+    state: &'a str,
 }
 
 /// Calls `look` for every signal of a set, with a judge by the model of the signal's printhead.
-pub fn each_signal(
+fn each_signal(
     design: &Design,
     isolate: &IsolateSettings,
     set: &TrainingSet,
@@ -78,36 +75,39 @@ pub fn each_signal(
     Ok(())
 }
 
-/// How a design performed on test signals.
+/// How a design performed on test signals. Faulty signals are isolated whether they were flagged or not, as in
+/// thesis Table 4-3.
 pub struct TestResult {
-    /// Isolation of all faulty signals, whether flagged or not: thesis Table 4-3, which is ungated.
-    pub ungated: Report,
-    /// Isolation of only those faulty signals that were flagged, as in the product.
-    gated: Report,
-    /// Isolation, ungated, of only those that reached the certainty bound: thesis Table 4-4.
+    all: Report,
+    /// Isolation of only those that reached the certainty bound: thesis Table 4-4.
     certain: Report,
-    /// The weight of the named class of every faulty signal (0: none), and whether that class is right.
-    named: Vec<(f64, bool)>,
-    /// Number of faulty signals for which no class was named.
-    unnamed: usize,
+    /// Share of the faulty signals for which a class was named.
+    named: f64,
+}
+
+impl TestResult {
+    /// The share of all faulty signals whose class is right; a signal for which none was named is wrong.
+    fn right_of_all(&self) -> f64 {
+        self.all.isolation.accuracy * self.named
+    }
 }
 
 /// Judges every test signal: detects all, and isolates all that are faulty in truth.
-pub fn test(
+fn test(
     design: &Design,
     isolate: &IsolateSettings,
     set: &TrainingSet,
 ) -> Result<TestResult, ThesisError> {
     let names = design.class_names();
-    let [mut ungated, mut gated, mut certain] = [(); 3].map(|()| {
+    let [mut all, mut certain] = [(); 2].map(|()| {
         let mut score = Score::default();
         score.add_classes(&names);
         score.bound = Some(isolate.certainty);
         score
     });
-    let (mut named, mut unnamed, mut weights) = (Vec::new(), 0, Vec::<f32>::new());
+    let (mut named, mut weights) = (0, Vec::<f32>::new());
 
-    // `gated` hides the name where the signal was not flagged, `certain` where the weight is below the bound.
+    // `certain` hides the name where the weight is below the bound
     each_signal(design, isolate, set, |met, work| {
         let TestSignal { judge, deviation, drive, state } = met;
         let flagged = judge.test(judge.detect(deviation, drive, work)).is_flagged();
@@ -116,29 +116,20 @@ pub fn test(
             _ => judge.isolate(deviation, drive, work).and_then(|decision| decision.candidate),
         };
         let class = class.map(usize::from);
+        named += usize::from(class.is_some());
         // that of the class itself; the `certainty` of a decision may be that of its category
         let certainty = class.and_then(|class| work.weights.get(class).copied());
         weights.clear();
         weights.extend(class.iter().flat_map(|_| work.weights.iter().map(|&w| w as f32)));
         let candidate = class.map(|class| names[class].as_str());
-        if state != HEALTHY {
-            named.push((certainty.unwrap_or(0.0), candidate == Some(state)));
-            unnamed += usize::from(class.is_none());
-        }
         let weights = Some(&weights[..]).filter(|weights| !weights.is_empty());
         let of = |candidate| Prediction { flagged, candidate, certainty, weights };
-        ungated.add(of(candidate), Some(state));
-        gated.add(of(candidate.filter(|_| flagged)), Some(state));
+        all.add(of(candidate), Some(state));
         let reached = certainty.is_some_and(|c| c >= isolate.certainty);
         certain.add(of(candidate.filter(|_| reached)), Some(state));
     })?;
-    Ok(TestResult {
-        ungated: ungated.report(),
-        gated: gated.report(),
-        certain: certain.report(),
-        named,
-        unnamed,
-    })
+    let named = named as f64 / faulty(set).max(1) as f64;
+    Ok(TestResult { all: all.report(), certain: certain.report(), named })
 }
 
 /// All figures of one part. A method that cannot be tried on it leaves the reason instead, but for the thesis's
@@ -180,7 +171,7 @@ fn hardest(
     isolate: &IsolateSettings,
     learn: &TrainingSet,
 ) -> Result<String, ThesisError> {
-    let by_state = test(design, isolate, learn)?.ungated.by_state;
+    let by_state = test(design, isolate, learn)?.all.by_state;
     let missed = |(state, of): (&String, &crate::score::ByState)| {
         let share = (of.signals - of.flagged) as f64 / of.signals.max(1) as f64;
         (state != HEALTHY).then(|| (share, state.clone()))
@@ -197,7 +188,7 @@ fn detection(part: &Part, fault: &str, out: &mut Figures) {
         let design = train(&part.learn, &detect, &isolate);
         let tested = design.and_then(|design| test(&design, &isolate, &part.test));
         match tested {
-            Ok(tested) => out.detection(name, &tested.ungated),
+            Ok(tested) => out.detection(name, &tested.all),
             Err(e) => out.cannot(name, &e),
         }
     }
@@ -229,13 +220,12 @@ fn model_matching(part: &Part, out: &mut Figures) -> Result<(), ThesisError> {
     out.put("model matching/models", models as f64);
     let tested = test(&design, &matching, &part.test)?;
     out.isolation("model matching", Size::ALL, &tested);
-    let named = 1.0 - tested.unnamed as f64 / tested.named.len().max(1) as f64;
-    out.put("model matching/of all", tested.ungated.isolation.accuracy * named);
-    out.put("model matching/rejected", 1.0 - named);
+    out.put("model matching/of all", tested.right_of_all());
+    out.put("model matching/rejected", 1.0 - tested.named);
     Ok(())
 }
 
-/// Isolation by the product's default settings, with calibration and the most certain signals.
+/// Isolation by the product's default settings, with calibration.
 fn by_default(
     few: &TrainingSet,
     part: &Part,
@@ -247,22 +237,13 @@ fn by_default(
     let design = train(few, &DetectSettings::default(), &isolate)?;
     let tested = test(&design, &isolate, &part.test)?;
     out.isolation(NAME, size, &tested);
-    let mut named = tested.named;
-    let right = |named: &[(f64, bool)]| {
-        named.iter().filter(|(_, right)| *right).count() as f64 / named.len().max(1) as f64
-    };
-    // Here a signal for which nothing was named counts as wrong.
-    out.put(&figure(NAME, size, "accuracy"), right(&named));
-
-    // The accuracy of the most certain 53.2 %.
-    named.sort_by(|a, b| b.0.total_cmp(&a.0));
-    named.truncate((SHARE_KEPT * named.len() as f64) as usize);
-    out.put(&figure(NAME, size, "best 53.2 %"), right(&named));
+    // here a signal for which nothing was named counts as wrong
+    out.put(&figure(NAME, size, "accuracy"), tested.right_of_all());
 
     // Calibration errors, on the larger set where there is one.
     let calibration = match &part.calibration {
-        Some(more) => test(&design, &isolate, more)?.ungated.calibration,
-        None => tested.ungated.calibration,
+        Some(more) => test(&design, &isolate, more)?.all.calibration,
+        None => tested.all.calibration,
     };
     out.put(&figure(NAME, size, "ECE"), calibration.ece);
     let classwise = calibration.classwise_ece.unwrap_or(f64::NAN);
@@ -305,7 +286,7 @@ impl Figures {
         self.failed.insert(name.into(), why.to_string());
     }
 
-    /// Puts the figures of a method of detection, its confusion, and the misses of each class.
+    /// Puts the figures of a method of detection, and its confusion.
     fn detection(&mut self, name: &str, report: &Report) {
         let d = &report.detection;
         self.put(&format!("{name}/misses"), d.fn_ as f64);
@@ -316,42 +297,27 @@ impl Figures {
         let counts = counts.map(|row| row.map(|n| n as f64).to_vec()).to_vec();
         let classes = vec![HEALTHY.into(), "faulty".into()];
         self.confusions.insert(name.into(), Confusion { classes, counts });
-        for (state, by) in report.by_state.iter().filter(|(state, _)| *state != HEALTHY) {
-            self.put(&format!("{name}/misses of {state}"), (by.signals - by.flagged) as f64);
-        }
     }
 
-    /// Puts the figures of a method of isolation; with all training signals also its confusions, and two
-    /// variants in which the text of §4-3 sets aside or merges dried nozzles.
+    /// Puts the figures of a method of isolation; with all training signals also its confusions.
     fn isolation(&mut self, name: &str, size: Size, tested: &TestResult) {
-        let modes = [("", &tested.ungated), ("gated ", &tested.gated)];
-        for (mode, report) in modes {
-            let mut put =
-                |what: &str, v| self.put(&figure(name, size, &format!("{mode}{what}")), v);
-            // where nothing was isolated, no share is right or wrong
-            let isolated: u64 = report.isolation.confusion.iter().flatten().sum();
-            let of_some = |v: f64, is_any: bool| if is_any { v } else { f64::NAN };
-            put("accuracy", of_some(report.isolation.accuracy, isolated > 0));
-            put("category", of_some(report.isolation.category_accuracy, isolated > 0));
-            put("certain", of_some(report.certain.accuracy, report.certain.coverage > 0.0));
-            put("coverage", report.certain.coverage);
-        }
+        let report = &tested.all;
+        let mut put = |what: &str, v| self.put(&figure(name, size, what), v);
+        // where nothing was isolated, no share is right or wrong
+        let isolated: u64 = report.isolation.confusion.iter().flatten().sum();
+        let of_some = |v: f64, is_any: bool| if is_any { v } else { f64::NAN };
+        put("accuracy", of_some(report.isolation.accuracy, isolated > 0));
+        put("category", of_some(report.isolation.category_accuracy, isolated > 0));
+        put("certain", of_some(report.certain.accuracy, report.certain.coverage > 0.0));
+        put("coverage", report.certain.coverage);
         if size != Size::ALL {
             return;
         }
-        // confusions, and the thesis's variants of them, with all training signals only
-        for (mode, report) in [("", &tested.ungated), (" certain", &tested.certain)] {
+        for (mode, report) in [("", report), (" certain", &tested.certain)] {
             let classes = report.isolation.classes.clone();
             let counts = report.isolation.confusion.iter();
             let counts = counts.map(|row| row.iter().map(|&n| n as f64).collect()).collect();
-            let confusion = Confusion { classes, counts };
-            if ["SDN", "IDN"].iter().all(|class| confusion.classes.iter().any(|c| c == class)) {
-                let without = confusion.without("IDN").hma();
-                self.put(&format!("{name}{mode}/HMA without IDN"), without);
-                let merged = confusion.merged("SDN", "IDN").hma();
-                self.put(&format!("{name}{mode}/HMA, SDN and IDN as one"), merged);
-            }
-            self.confusions.insert(format!("{name}{mode}"), confusion);
+            self.confusions.insert(format!("{name}{mode}"), Confusion { classes, counts });
         }
     }
 }

@@ -1,8 +1,7 @@
 //! What chapter 4 tries, thesis §4-2 and §4-3: the training sizes, the methods of isolation that the
 //! thesis compares, and the rows of `tables.toml`.
 //!
-//! Out: their names, by which `measure` files figures and `tables`, `claims.toml` and
-//! `published.toml` refer to them (`figure`), and their settings. Nothing is trained here.
+//! Out: their names, by which `measure` files figures and `tables` and `published.toml` refer to them (`figure`), and their settings. Nothing is trained here.
 
 use inkling_core::design::{DetectSettings, IsolateSettings};
 use inkling_core::isolate::{IsolateMethod, IsolateSignal};
@@ -72,9 +71,6 @@ pub struct Detection {
 pub struct Beside {
     pub figure: String,
     pub words: String,
-    /// Whether the figure is a share of the signals whose phi reaches its bound.
-    #[serde(default)]
-    pub certain: bool,
 }
 
 /// The contents of `tables.toml`, which is compiled in.

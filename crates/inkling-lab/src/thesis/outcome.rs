@@ -1,12 +1,10 @@
-//! The outcome of chapter 4: the figures of each round, their means and differences over rounds,
-//! and the errors that may prevent them.
+//! The outcome of chapter 4: the figures of each round, their means over rounds, and the errors that may
+//! prevent them.
 //!
 //! A round is one seed of simulated data, or one part (fold) of recordings. In: the `Figures` of each
-//! round. Out: `Measured`, the rounds of one data set, and differences of its shares with intervals
-//! (`Measured::difference`). A figure is a number with a name such as `LR on r, half/accuracy`;
-//! shares are from 0 to 1.
+//! round. Out: `Measured`, the rounds of one data set, and `Chapter`, all data sets. A figure is a number
+//! with a name such as `LR on r, half/accuracy`; shares are from 0 to 1.
 
-use inkling_core::model::student::student_quantile;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
@@ -21,8 +19,6 @@ pub enum ThesisError {
     Design(#[from] inkling_core::design::DesignError),
     #[error(transparent)]
     Detect(#[from] inkling_core::detect::DetectError),
-    #[error(transparent)]
-    Plot(#[from] crate::plot::PlotError),
     #[error("{path}: {source}")]
     Write { path: String, source: std::io::Error },
 }
@@ -76,29 +72,6 @@ impl Confusion {
         place(truth).zip(place(name)).map_or(0.0, |(i, j)| self.counts[i][j])
     }
 
-    /// HMA of thesis §4-3, trace over sum: plain accuracy. NaN where nothing was counted.
-    pub fn hma(&self) -> f64 {
-        let right: f64 = (0..self.classes.len()).map(|i| self.counts[i][i]).sum();
-        right / self.counts.iter().flatten().sum::<f64>()
-    }
-
-    /// The confusion without one class, as truth and as answer.
-    pub fn without(&self, class: &str) -> Confusion {
-        let kept = self.classes.iter().filter(|c| *c != class).cloned();
-        Confusion::of(kept.collect(), |truth, name| self.count(truth, name))
-    }
-
-    /// The confusion with the two classes as one, which is called `into`.
-    pub fn merged(&self, into: &str, class: &str) -> Confusion {
-        let kept = self.classes.iter().filter(|c| *c != class).cloned();
-        Confusion::of(kept.collect(), |truth, name| {
-            let both = |c| if c == into { vec![c, class] } else { vec![c] };
-            let names = both(name);
-            let of_names = |truth| names.iter().map(|name| self.count(truth, name)).sum::<f64>();
-            both(truth).into_iter().map(of_names).sum()
-        })
-    }
-
     /// Adds `share` times another confusion; new classes are appended.
     fn add(&mut self, other: &Confusion, share: f64) {
         let new = other.classes.iter().filter(|c| !self.classes.contains(c));
@@ -131,8 +104,6 @@ pub struct Spread {
     pub mean: f64,
     /// Standard deviation from round to round, with n - 1; 0 of a single round.
     pub sd: f64,
-    pub least: f64,
-    pub most: f64,
 }
 
 impl Spread {
@@ -141,23 +112,8 @@ impl Spread {
         let n = v.len() as f64;
         let mean = v.iter().sum::<f64>() / n;
         let square: f64 = v.iter().map(|x| (x - mean).powi(2)).sum();
-        Spread {
-            mean,
-            sd: (square / (n - 1.0).max(1.0)).sqrt(),
-            least: v.iter().copied().fold(f64::INFINITY, f64::min),
-            most: v.iter().copied().fold(f64::NEG_INFINITY, f64::max),
-        }
+        Spread { mean, sd: (square / (n - 1.0).max(1.0)).sqrt() }
     }
-}
-
-/// Number of rounds from which on their scatter tells how well their mean is known.
-const ENOUGH_ROUNDS: usize = 5;
-
-/// The 95 % interval of a mean difference of two shares, within -1 to 1.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Difference {
-    pub low: f64,
-    pub high: f64,
 }
 
 /// The figures of one data set over its rounds.
@@ -212,45 +168,6 @@ impl Measured {
         self.spread(key).map_or(f64::NAN, |spread| spread.mean)
     }
 
-    /// By how much the share `a` exceeds the share `b`, on average over the rounds that have both.
-    /// `a`, `b`: names of figures; `signals`: the number of signals that each share of one round is
-    /// of, the smaller number if the two differ. `None`: no round has both, or there is no signal.
-    ///
-    /// The interval is mean +- max(scatter, sampling):
-    /// * scatter = t sd / sqrt(n), Student's interval of the paired differences of n rounds. The
-    ///   scatter of a few rounds may be small by chance, so it alone would say too much.
-    /// * sampling = 1.96 sqrt(v / (n signals)), where v is the variance of the difference per
-    ///   signal. With fewer than five rounds v is that of two independent shares,
-    ///   a (1 - a) + b (1 - b), which is cautious, since both methods judge the same signals. With
-    ///   five or more v is |mean|, the least possible: as few signals as the mean difference allows
-    ///   are right in only one of the two.
-    pub fn difference(&self, a: &str, b: &str, signals: f64) -> Option<Difference> {
-        let (a, b) = (self.rounds.get(a)?, self.rounds.get(b)?);
-        let pairs: Vec<(f64, f64)> =
-            a.iter().copied().zip(b.iter().copied()).filter(|(a, b)| (a - b).is_finite()).collect();
-        let each: Vec<f64> = pairs.iter().map(|(a, b)| a - b).collect();
-        let n = each.len() as f64;
-        if pairs.is_empty() || signals < 1.0 {
-            return None;
-        }
-        let Spread { mean, sd, .. } = Spread::of(&each);
-        // at least that of one signal among all, so that equal shares get an interval
-        let all = signals * n;
-        let sampling = match pairs.len() < ENOUGH_ROUNDS {
-            true => pairs.iter().map(|(a, b)| a * (1.0 - a) + b * (1.0 - b)).sum::<f64>() / n,
-            false => mean.abs(),
-        };
-        let sampling = 1.96 * (sampling.max(1.0 / all) / all).sqrt();
-
-        // The scatter from round to round; of one round it is not known, and sampling alone counts.
-        let scatter = match pairs.len() {
-            1 => 0.0,
-            _ => student_quantile(0.975, n - 1.0) * sd / n.sqrt(),
-        };
-        let half = scatter.max(sampling);
-        Some(Difference { low: (mean - half).max(-1.0), high: (mean + half).min(1.0) })
-    }
-
     /// The part of `tables.json` about this data set.
     pub fn json(&self) -> Value {
         let values: BTreeMap<&String, Option<Spread>> =
@@ -258,5 +175,39 @@ impl Measured {
         json!({
             "data": self.set, "values": values, "confusions": self.confusions, "not_possible": self.failed,
         })
+    }
+}
+
+/// What a round is in which figures are measured: a seed, or a part of recordings.
+#[derive(Clone, Debug, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Rounds {
+    Seeds(Vec<u64>),
+    /// Recordings: the labelled channels in `number` parts, each of which is tested on once by what
+    /// was learned on the others. `left_out`: in sentences, the classes and signals that were not
+    /// used.
+    Folds {
+        number: usize,
+        left_out: Vec<String>,
+    },
+}
+
+/// All that one run of `inkling thesis` found.
+#[derive(Clone, Debug)]
+pub struct Chapter {
+    pub rounds: Rounds,
+    pub sets: Vec<Measured>,
+}
+
+impl Chapter {
+    /// The figures of one data set; `None` if chapter 4 was not run on it.
+    pub fn set(&self, set: DataSet) -> Option<&Measured> {
+        self.sets.iter().find(|measured| measured.set == set)
+    }
+
+    /// The contents of `tables.json`.
+    pub fn json(&self) -> Value {
+        let sets: Vec<Value> = self.sets.iter().map(Measured::json).collect();
+        json!({"version": 3, "rounds": self.rounds, "sets": sets})
     }
 }

@@ -1,23 +1,20 @@
 //! The page `tables.md` of `inkling thesis`: this program's figures beside the thesis's.
 //!
-//! In: a `Chapter`, the figures of each data set over its rounds and the verdicts on the claims.
-//! Out to `thesis::write`: Markdown, namely a table of conclusions for each data set, then for each
-//! data set the tables of detection, of isolation, of what is beside the thesis's tables, and
-//! confusion matrices.
+//! In: a `Chapter`, the figures of each data set over its rounds. Out to `thesis::write`: Markdown, namely for
+//! each data set the tables of detection, of isolation, of what is beside the thesis's tables, and confusion
+//! matrices.
 //!
 //! A number is shown as mean ± standard deviation over rounds, then the thesis's in brackets, marked
 //! *differs* where the test of `published` says so.
 
-use super::chapter::{Chapter, Rounds};
-use super::conclusions::{Conclusion, Kind};
 use super::methods::{Beside, COMPARED, Detection, ROWS, Size, figure};
-use super::outcome::{DataSet, Measured, Spread};
+use super::outcome::{Chapter, DataSet, Measured, Rounds, Spread};
 use super::published::{Matrix, Published, matrices, published};
 use inkling_core::fault::CLASSES;
 
 /// The whole page. It begins with what the rounds are.
 pub fn markdown(chapter: &Chapter) -> String {
-    let mut out = String::from("# Chapters 4 and 5 again\n\n");
+    let mut out = String::from("# Chapter 4 again\n\n");
     out += &match &chapter.rounds {
         Rounds::Seeds(seeds) if seeds.len() == 1 => format!(
             "Simulated data of the seed {}. Nobody can tell from one seed by how much others would differ. Every signal that is \
@@ -36,7 +33,7 @@ pub fn markdown(chapter: &Chapter) -> String {
                 left_out.iter().map(|why| format!("* {}\n", escaped(why))).collect();
             format!(
                 "Your recordings, divided by channel into {number} parts: each is tested on once, by what was learned on the channels \
-                 of the others. The figures beside this page are of the first part. Mean ± standard deviation from part to part.\n\n{left_out}"
+                 of the others. The picture beside this page is of the first part. Mean ± standard deviation from part to part.\n\n{left_out}"
             )
         }
     };
@@ -45,7 +42,6 @@ pub fn markdown(chapter: &Chapter) -> String {
                 from ours with a probability below .05, with the sampling error of its signals and of ours, and what our \
                 rounds differ by beyond it.\n";
     }
-    conclusions(&chapter.conclusions, &mut out);
     for of in &chapter.sets {
         data_set(of, &mut out);
     }
@@ -55,27 +51,7 @@ pub fn markdown(chapter: &Chapter) -> String {
     out
 }
 
-/// The conclusions, with one table for each data set.
-fn conclusions(all: &[Conclusion], out: &mut String) {
-    *out += "\n## Chapter 5, conclusion by conclusion\n\nHeld, or not held: the 95 % interval of the difference, paired by round, lies above 0, or \
-         below .005. What lies between cannot be told from these data.\n";
-    let mut set = None;
-    for Conclusion { data, kind, claim, verdict, because } in all {
-        if set.replace(*data) != Some(*data) {
-            let data = data.title();
-            *out += &format!("\n**{data}**\n\n| the thesis | here | figures |\n|---|---|---|\n");
-        }
-        let whose = match kind {
-            Kind::Conclusion => "",
-            Kind::Question => " *(asked as future work)*",
-            Kind::Ours => " *(not the thesis's claim)*",
-        };
-        let because = escaped(because);
-        *out += &format!("| {claim}{whose} | **{}** | {because} |\n", verdict.in_words());
-    }
-}
-
-/// All tables of one data set, and the methods that failed on it.
+/// The tables of one data set.
 fn data_set(of: &Measured, out: &mut String) {
     *out += &format!(
         "\n## {}\n\nLearned from {:.0} healthy and {:.0} faulty signals, tested on {:.0} and {:.0}; mu of (3-4) is {}.\n",
@@ -142,9 +118,9 @@ fn isolation(of: &Measured, out: &mut String) {
     let table = beside_table(of, ["4-6", "4-7"]);
     let faulty = of.mean("tested/faulty");
     *out += &format!(
-        "\n### Isolation{table}\n\nEvery faulty signal, detected or not; *gated*: of those that the detection passed.\n\n\
-         | method, faulty signals learned from | class right | where phi or certainty >= .8 | of | category right | gated: class right |\n\
-         |---|---|---|---|---|---|\n"
+        "\n### Isolation{table}\n\nEvery faulty signal, detected or not.\n\n\
+         | method, faulty signals learned from | class right | where phi or certainty >= .8 | of | category right |\n\
+         |---|---|---|---|---|\n"
     );
     for size in Size::EACH {
         let learned = of.mean(&format!("learned/{}", size.name));
@@ -162,10 +138,9 @@ fn isolation(of: &Measured, out: &mut String) {
                 }
             };
             *out += &format!(
-                "| {name}, {learned:.0} | {} | {right_where} | {coverage} | {} | {} |\n",
+                "| {name}, {learned:.0} | {} | {right_where} | {coverage} | {} |\n",
                 shares(of, &key("accuracy"), faulty),
                 shares(of, &key("category"), faulty),
-                shares(of, &key("gated accuracy"), faulty),
             );
         }
     }
@@ -174,12 +149,10 @@ fn isolation(of: &Measured, out: &mut String) {
 /// The table of further shares: figures that the thesis has in its text, or not at all.
 fn beside(of: &Measured, out: &mut String) {
     let faulty = of.mean("tested/faulty");
-    let reached = of.mean(&figure("LR on r", Size::ALL, "coverage")) * faulty;
     out.push_str("\n### Beside the tables\n\n| | share |\n|---|---|\n");
-    for Beside { figure, words, certain } in &ROWS.beside {
+    for Beside { figure, words } in &ROWS.beside {
         if !of.values(figure).is_empty() {
-            let signals = if *certain { reached } else { faulty };
-            *out += &format!("| {words} | {} |\n", shares(of, figure, signals));
+            *out += &format!("| {words} | {} |\n", shares(of, figure, faulty));
         }
     }
 }

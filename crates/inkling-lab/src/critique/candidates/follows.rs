@@ -32,7 +32,6 @@ const WAYS: f64 = 2.0;
 pub struct ParameterTest {
     pub covariate: usize,
     pub parameter: usize,
-    pub statistic: f64,
     pub surprise: f64,
 }
 
@@ -114,17 +113,6 @@ impl ScoreTests<'_> {
                 best.tried = 1.0;
                 best.surprise = surprise(best.statistic, 1, 1.0, dof);
                 best.sd *= (own / best.statistic.max(1e-12)).sqrt().min(1.0);
-                // if the frequency alone follows the channel more surely, that counts, less the price of
-                // having looked at each parameter
-                let looks = self.on_each_parameter(which);
-                let parameters = looks.len().max(1) as f64;
-                if let Some(look) = looks.into_iter().find(|look| look.parameter == 1)
-                    && look.surprise - parameters.ln() > best.surprise
-                {
-                    best.statistic = look.statistic;
-                    best.tried = parameters;
-                    best.surprise = look.surprise - parameters.ln();
-                }
             } else if together > best.surprise {
                 best.statistic = tested.statistic;
                 best.degrees = directions.len();
@@ -181,12 +169,7 @@ impl ScoreTests<'_> {
         // with the others free as well: what moves two parameters together is in their common scatter
         let together = self.nuisances.covariates.test(&each);
         let look = |(j, direction): (usize, &Direction)| {
-            let of = |statistic, surprise| ParameterTest {
-                covariate: which,
-                parameter: j,
-                statistic,
-                surprise,
-            };
+            let of = |surprise| ParameterTest { covariate: which, parameter: j, surprise };
             let beside = together.as_ref().map_or(0.0, |t| {
                 t.coefficients[j].powi(2) / t.covariance[(j, j)].max(f64::MIN_POSITIVE)
             });
@@ -194,7 +177,7 @@ impl ScoreTests<'_> {
             let statistic = self.against_rest(which, tested.statistic.max(beside));
             let plain = surprise(statistic, 1, 1.0, dof);
             if plain < HINT {
-                return Some(of(statistic, plain));
+                return Some(of(plain));
             }
             let efficient = match &together {
                 // The direction of one coefficient beside the others: the combination of all
@@ -207,7 +190,7 @@ impl ScoreTests<'_> {
             };
             let spread = self.clusters().spread(&efficient, false);
             let statistic = statistic * spread.statistic;
-            Some(of(statistic, surprise(statistic, 1, 1.0, dof.min(spread.dof))))
+            Some(of(surprise(statistic, 1, 1.0, dof.min(spread.dof))))
         };
         each.iter().enumerate().filter_map(look).collect()
     }

@@ -12,7 +12,7 @@ use super::{Asked, LEAST_PERIODS, ScoreTests, Scored};
 use crate::critique::catalogue::{CauseId, RIVALS};
 use crate::critique::chance::{maximum, width};
 use crate::critique::space::Direction;
-use crate::critique::unmodelled::{ObservedDecay, lagging};
+use crate::critique::unmodelled::{ObservedDecay, lagging, sensed};
 use inkling_core::model::waves::waves;
 use nalgebra::Complex;
 use std::f64::consts::{PI, TAU};
@@ -96,15 +96,8 @@ impl ScoreTests<'_> {
                         let turned = e * self.decay.omega * settling(t, second);
                         pair * (turned.cos() - 1.0) - s * ring.pair[k].im * turned.sin()
                     }
-                    // y becomes y + e y²/whole, and y + e y³/whole²
-                    CauseId::EvenSensor => e * y * y / whole,
-                    CauseId::OddSensor => e * y * y * y / (whole * whole),
-                    // the gain becomes 1/(1 + e level/whole), 10 at most; the level lags behind the envelope
-                    CauseId::GainFollowsAmplitude => {
-                        y / (1.0 + e * s * level[k] / whole).max(0.1) - y
-                    }
-                    // a deaf sensor: y loses its part between -e whole and +e whole; a negative e adds it
-                    _ => -y.max(-whole * e.abs()).min(whole * e.abs()) * e.signum(),
+                    // the level lags behind the envelope
+                    sensor => whole * sensed(sensor, e, y / whole, s * level[k] / whole),
                 };
                 changed / e
             };

@@ -9,7 +9,7 @@
 
 use super::{Asked, ScoreTests, Scored};
 use crate::critique::candidate::Objection;
-use crate::critique::catalogue::Motion;
+use crate::critique::catalogue::{CauseId, Motion};
 use crate::critique::chance::{maximum, surprise, width};
 use crate::critique::model::PATTERNS;
 use crate::critique::space::Direction;
@@ -19,22 +19,22 @@ use inkling_core::model::free_decay;
 use nalgebra::{Matrix4, Vector4};
 use std::f64::consts::PI;
 
-/// The catalogue's parameter of a term in the equation of motion. `e`: the term's strength; `low`, `high`:
+/// The catalogue's parameter of a cause in the equation of motion. `e`: the term's strength; `low`, `high`:
 /// smallest and largest drive in the data.
-fn value_of(term: Term, e: f64, [low, high]: [f64; 2]) -> f64 {
-    match term {
+fn value_of(id: CauseId, e: f64, [low, high]: [f64; 2]) -> f64 {
+    match id {
         // the change of frequency at the largest amplitude in the data
-        Term::CubicStiffness => e * high * high,
+        CauseId::CubicStiffness => e * high * high,
         // The damping at the largest amplitude in the data relative to that at the smallest, less 1. Over the
         // viscous one it is 1 + e s at the drive s with drag of strength e, and 1 + e/s with friction. Where
         // drives differ by less than 2 %, compare with no amplitude for drag, with a tenth for friction,
         // which at none would be infinite. Dampings below .05 count as .05, as a negative e may leave none to
         // divide by.
-        Term::QuadraticDrag => {
+        CauseId::QuadraticDrag => {
             let small = if high > 1.02 * low { low } else { 0.0 };
             (1.0 + e * high) / (1.0 + e * small).max(0.05) - 1.0
         }
-        Term::DryFriction => {
+        CauseId::DryFriction => {
             let small = if high > 1.02 * low { low } else { 0.1 * high };
             (1.0 + e / high) / (1.0 + e / small).max(0.05) - 1.0
         }
@@ -113,25 +113,24 @@ impl ScoreTests<'_> {
     /// A strength is the relative change of frequency or damping that the term causes at unit drive, or what
     /// [`Term`] says of it. `place`: the displacement at which a stop begins, in amplitudes at unit drive.
     pub(super) fn motion(&self, asked: Asked, motion: Motion, place: f64) -> Option<Scored> {
-        let (Motion { term, power, strengths }, id) = (motion, asked.id);
-        let term = if let Term::Stop { .. } = term { Term::Stop { at: place } } else { term };
+        let (Motion { power, strengths }, id) = (motion, asked.id);
         // the secant at the strength e: the decay with the term less the decay without it, over e
         let inside = self.interior?;
         let decay = |with, s| inside.decay(with, s, self.samples);
         let without: Vec<Vec<f64>> = self.nodes().iter().map(|s| decay(None, *s)).collect();
         let shape = |e: f64| {
             self.by_drive(power, |node, s| {
-                let with = decay(Some((term, e)), s);
+                let with = decay(Some(Term { id, strength: e, place }), s);
                 with.iter().zip(&without[node]).map(|(w, o)| (w - o) / e).collect()
             })
         };
         let drives = self.data.beside.drives();
-        let value = |e: f64| value_of(term, e, drives);
+        let value = |e: f64| value_of(id, e, drives);
 
         let mut scored = self.grown(asked, strengths, shape, value)?;
         // The scatter of the acquisition state alone may look like a half-order loss up to `eta_floor`. So
         // only the strength beyond that counts, and Student's t allows for that scatter being estimated.
-        if term == Term::FractionalDamping && scored.value != 0.0 {
+        if id == CauseId::FractionalDamping && scored.value != 0.0 {
             let beyond = (scored.value.abs() - ETA_FLOOR).max(0.0) / scored.value.abs();
             scored.statistic *= beyond * beyond;
             // `dof(false)`: by the number of signals, not of channels
@@ -139,7 +138,7 @@ impl ScoreTests<'_> {
             scored.sd = scored.sd.hypot(ETA_FLOOR / 2.0);
         }
         // springs harden or soften, rivals do anything; losses cannot be negative
-        let either_sign = term == Term::CubicStiffness || !id.has_name();
+        let either_sign = id == CauseId::CubicStiffness || !id.has_name();
         if scored.form.coefficients[0] < 0.0 && !either_sign {
             scored.objection = Some(Objection::UnphysicalSign);
         }

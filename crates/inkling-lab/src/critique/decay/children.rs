@@ -15,8 +15,6 @@ use super::noise::{Noise, sizes};
 use super::plant::{Fit, OMEGA, SIGMA, Wave, waves_of};
 use super::terms::{Line, Term, second_numbers};
 use crate::critique::candidate::Objection;
-use crate::critique::candidates::LEAST_PERIODS;
-use crate::critique::chance::maximum;
 use inkling_core::model::spectrum;
 use nalgebra::DMatrix;
 use std::f64::consts::{PI, TAU};
@@ -37,9 +35,6 @@ pub struct Added<'a> {
 const PEAKS: usize = 3;
 const FALLS: [f64; 3] = [1.0, 4.0, 12.0];
 
-/// Logarithms of that of a drift.
-const DRIFTS: [f64; 2] = [-1.0, 1.5];
-
 /// Number of samples in the first three swings.
 fn first_swings(omega: f64) -> usize {
     (3.0 * TAU / omega.max(1e-6)).ceil().min(1e7) as usize
@@ -58,30 +53,25 @@ pub fn misfit_power(misfit: &[f64], decays: &Decays) -> Vec<f64> {
 
 /// The damped oscillation that explains most, in white noise, beside an offset of each series.
 pub fn baseline(decays: &Decays) -> Fit<'_> {
-    ring(&Fit::zero(decays), &decays.y)
+    ring(&Fit::zero(decays))
 }
 
-/// The damped oscillation that explains most, in white noise, beside a model that does not ring, of which the
-/// misfit is this.
-fn ring<'a>(plain: &Fit<'a>, misfit: &[f64]) -> Fit<'a> {
+/// The damped oscillation that explains most, in white noise, beside a model that does not ring.
+pub fn ring<'a>(plain: &Fit<'a>) -> Fit<'a> {
     let decays = plain.decays;
     let white = Noise::white(&vec![1.0; decays.outputs]);
     let resolution = TAU / decays.samples as f64;
-    let power = misfit_power(misfit, decays);
+    let power = misfit_power(&plain.misfit(), decays);
     // starts: the two highest peaks of the spectrum, each with little and much damping: over the
     // record the amplitude falls by e^0.5 or by e^4
-    let peaks = spectrum::peaks(&power, lowest_line(decays), 2.0 * resolution, 2);
+    let peaks = spectrum::peaks(&power, decays.lowest_line(), 2.0 * resolution, 2);
     let starts = peaks.iter().flat_map(|omega| [0.5, 4.0].map(|falls| (*omega, falls)));
     let fits = starts.flat_map(|(omega, falls)| {
         let mut start = plain.clone();
         (start.p[OMEGA], start.p[SIGMA]) = (omega, falls / decays.samples as f64);
         [start.follow(&white, first_swings(omega)), start.descend(&white)]
     });
-    fits.min_by(|p, q| p.cost.total_cmp(&q.cost)).unwrap_or_else(|| {
-        let mut slowest = plain.clone();
-        slowest.p[OMEGA] = lowest_line(decays);
-        slowest.descend(&white)
-    })
+    fits.min_by(|p, q| p.cost.total_cmp(&q.cost)).unwrap_or_else(|| plain.descend(&white))
 }
 
 /// Starting points of a candidate, each at its parent's optimum, with strength 0.
@@ -90,7 +80,6 @@ fn starts<'a>(parent: &Fit<'a>, term: Term) -> Vec<Fit<'a>> {
     let at = parent.p.len();
     match term {
         Term::Line(line) => line_starts(parent, line),
-        Term::Drift => drift_starts(parent),
         Term::Unnamed(rival) => second_numbers(rival, parent.decays.samples)
             .into_iter()
             .map(|second| {
@@ -103,27 +92,6 @@ fn starts<'a>(parent: &Fit<'a>, term: Term) -> Vec<Fit<'a>> {
     }
 }
 
-/// Starting points of a drift. The first ring, which may have followed the drift, is also looked for beside that
-/// which explains most alone.
-fn drift_starts<'a>(parent: &Fit<'a>) -> Vec<Fit<'a>> {
-    let drift = |model: &Fit<'a>, ln_falls: f64| {
-        let mut drift = model.with(Term::Drift);
-        drift.p[model.p.len()] = ln_falls.exp() / model.decays.samples as f64;
-        drift
-    };
-    let mut starts: Vec<Fit> = DRIFTS.map(|ln_falls| drift(parent, ln_falls)).into();
-    if parent.terms.len() == 1 {
-        let mut zero = Fit::zero(parent.decays);
-        zero.p[OMEGA] = lowest_line(parent.decays);
-        let white = Noise::white(&parent.sizes());
-        let still = |ln_falls: f64| drift(&zero, ln_falls).solved(&white);
-        let [slow, fast] = DRIFTS;
-        let best = maximum(|ln_falls| -still(ln_falls).cost, 0.5 * (slow + fast), fast - slow);
-        starts.push(ring(&still(best), &still(best).misfit()));
-    }
-    starts
-}
-
 /// Starting points of a line, one for each of the `PEAKS` highest peaks of the misfit's spectrum, with the
 /// damping that leaves least.
 fn line_starts<'a>(parent: &Fit<'a>, line: Line) -> Vec<Fit<'a>> {
@@ -131,7 +99,7 @@ fn line_starts<'a>(parent: &Fit<'a>, line: Line) -> Vec<Fit<'a>> {
     let length = decays.samples as f64;
     let resolution = TAU / length;
     let power = misfit_power(&parent.misfit(), decays);
-    let tops = spectrum::peaks(&power, lowest_line(decays), resolution, PEAKS);
+    let tops = spectrum::peaks(&power, decays.lowest_line(), resolution, PEAKS);
     let white = Noise::white(&parent.sizes());
     let (own, at) = (parent.p[OMEGA], parent.p.len());
     let numbers: Vec<Vec<f64>> = match line {
@@ -179,10 +147,6 @@ pub fn child<'a>(parent: &Fit<'a>, term: Term, noise: &Noise) -> Option<Fit<'a>>
     if is_better { Some(followed) } else { best }
 }
 
-pub fn lowest_line(decays: &Decays) -> f64 {
-    TAU * LEAST_PERIODS / decays.samples as f64
-}
-
 /// Why a fitted term cannot be what it is called. `index`: the term's among the fit's terms.
 pub fn objection(fit: &Fit, index: usize, covariance: &DMatrix<f64>) -> Option<Objection> {
     let (term, at) = fit.placed().nth(index)?;
@@ -191,7 +155,7 @@ pub fn objection(fit: &Fit, index: usize, covariance: &DMatrix<f64>) -> Option<O
     }
     // a ring that grows by itself, with certainty, is not damped by whatever term was added
     let sd = covariance[(SIGMA, SIGMA)].max(0.0).sqrt();
-    if fit.p[SIGMA] < -3.0 * sd && term != Term::Offset {
+    if fit.p[SIGMA] < -3.0 * sd {
         return Some(Objection::NegativeDamping);
     }
     match term {
@@ -202,8 +166,6 @@ pub fn objection(fit: &Fit, index: usize, covariance: &DMatrix<f64>) -> Option<O
         }
         // two modes near one frequency, one of them growing, can mimic a change of frequency or damping
         Term::Line(Line::Mode) if fit.p[at] <= 0.0 || fit.p[SIGMA] <= 0.0 => Some(Objection::Alias),
-        // a drift takes longer than a swing
-        Term::Drift => (TAU * fit.p[at] > fit.p[OMEGA]).then_some(Objection::AtTheEnd),
         Term::Line(Line::Harmonic(_)) => None,
         Term::Line(_) => waves_of(term, at, &fit.p).iter().find_map(|wave| no_line(fit, wave)),
         _ => None,
@@ -216,7 +178,7 @@ fn no_line(fit: &Fit, wave: &Wave) -> Option<Objection> {
     let resolution = TAU / fit.decays.samples as f64;
     let omega = wave.omega;
     let swings =
-        omega > lowest_line(fit.decays) && omega < PI - resolution && wave.sigma * 0.5 < omega;
+        omega > fit.decays.lowest_line() && omega < PI - resolution && wave.sigma * 0.5 < omega;
     let own = fit.p[OMEGA];
     // a frequency that changes with amplitude sweeps this share of itself during a decay
     let swept = (fit.motion().frequency_ratio(amplitudes(fit).0) - 1.0).abs();

@@ -5,9 +5,11 @@
 //! is not subtracted), the output with the largest variance first: it counts as the displacement.
 
 use super::noise::sizes;
+use crate::critique::candidates::LEAST_PERIODS;
 use crate::critique::observations::Observations;
 use crate::critique::outcome::CritiqueError;
 use crate::critique::work::Work;
+use std::f64::consts::TAU;
 
 /// The fit has two numbers for each burst and for each output, and its time grows with their cube.
 const MOST_BURSTS: usize = 32;
@@ -114,6 +116,11 @@ impl Decays {
     /// Time since the record's begin of a sample, counted as in `y`.
     pub fn time_s(&self, sample: usize) -> f64 {
         (self.skipped + sample % self.samples) as f64 * self.dt_s
+    }
+
+    /// The slowest frequency of a ring, or a line, per sample.
+    pub fn lowest_line(&self) -> f64 {
+        TAU * LEAST_PERIODS / self.samples as f64
     }
 
     /// Values (ordered as `y`), less the mean of each series.

@@ -1,4 +1,4 @@
-//! The amplitudes of lines and the offsets of series, eliminated: they are linear, so the best ones are known
+//! The amplitudes of lines and what series show at rest, eliminated: they are linear, so the best ones are known
 //! for any numbers of the rest (variable projection: G. H. Golub and V. Pereyra, SIAM J. Numer. Anal. 10, 1973).
 //!
 //! In: a [`Fit`] and the noise. Out: the misfit beside the best amplitudes ([`reached`]), and
@@ -104,8 +104,9 @@ pub fn normal(fit: &Fit, noise: &Noise, reached: &Reached) -> (DMatrix<f64>, DVe
     let numbers = fit.p.len();
     let (mut gram, mut product) = (DMatrix::zeros(numbers, numbers), DVector::zeros(numbers));
     let Decays { bursts, outputs, .. } = *fit.decays;
-    // time times the damped cosines and sines of all waves
-    let mut in_time = fit.columns().split_off(fit.offset());
+    // time times the drift and the damped cosines and sines of all waves
+    let constant = fit.at_rest.columns().min(1);
+    let mut in_time = fit.columns().split_off(constant);
     for column in &mut in_time {
         column.iter_mut().enumerate().for_each(|(k, x)| *x *= k as f64);
     }
@@ -124,7 +125,7 @@ pub fn normal(fit: &Fit, noise: &Noise, reached: &Reached) -> (DMatrix<f64>, DVe
             reached.bases[output].remove_from(&mut moved);
             let all: Vec<_> = moved.column_iter().chain(turns[output].column_iter()).collect();
             let all = DMatrix::from_columns(&all);
-            let by = by_numbers(&at, fit, &reached.free[series][fit.offset()..]);
+            let by = by_numbers(&at, fit, &reached.free[series][constant..]);
             gram += by.tr_mul(&(all.tr_mul(&all) * &by));
             product += by.tr_mul(&all.tr_mul(&reached.misfits[series])).column(0);
         }
@@ -133,14 +134,19 @@ pub fn normal(fit: &Fit, noise: &Noise, reached: &Reached) -> (DMatrix<f64>, DVe
 }
 
 /// How much of each column is in the derivative by each number: first come the columns of the motion, each the
-/// derivative by the number `at` its place, then those of waves in time. `free`: the waves' amplitudes in a
-/// series. A wave is the real part of (a - i b) e^{-(sigma - i omega) t}.
+/// derivative by the number `at` its place, then those of the drift and of waves in time. `free`: their amplitudes in
+/// a series. A wave is the real part of (a - i b) e^{-(sigma - i omega) t}.
 fn by_numbers(at: &[usize], fit: &Fit, free: &[f64]) -> DMatrix<f64> {
     let mut by = DMatrix::zeros(at.len() + free.len(), fit.p.len());
     at.iter().enumerate().for_each(|(row, number)| by[(row, *number)] = 1.0);
+    if let Some(rate) = fit.drift() {
+        by[(at.len(), rate)] = -free[0];
+    }
+    let before = usize::from(fit.drift().is_some());
     for (place, wave) in fit.waves().iter().enumerate() {
-        let row = at.len() + 2 * place;
-        let amplitude = Complex::new(free[2 * place], -free[2 * place + 1]);
+        let first = before + 2 * place;
+        let row = at.len() + first;
+        let amplitude = Complex::new(free[first], -free[first + 1]);
         for (number, [falls, turns]) in &wave.by {
             let moved = amplitude * Complex::new(-falls, *turns);
             by[(row, *number)] += moved.re;

@@ -12,7 +12,7 @@ use super::decays::Decays;
 use super::elimination::{Basis, Reached, normal, reached};
 use super::motion::Motion;
 use super::noise::{Colour, Noise, sizes};
-use super::plant::{Fit, OMEGA, SIGMA, columns_of, plain_numbers, start_of};
+use super::plant::{AtRest, Fit, OMEGA, SIGMA, plain_numbers, start_of};
 use super::terms::Term;
 use inkling_core::model::descent::{Damping, descend};
 use nalgebra::{DMatrix, DVector};
@@ -27,12 +27,13 @@ const FEW_STEPS: usize = 8;
 const MOST_TURN: f64 = 8.0 * PI;
 
 impl<'a> Fit<'a> {
-    /// No motion, and an offset of each series.
+    /// No motion, and an offset of each series that is still to be found.
     pub fn zero(decays: &'a Decays) -> Fit<'a> {
-        let p = vec![0.0; plain_numbers(decays)];
+        let mut p = vec![0.0; plain_numbers(decays)];
+        p[OMEGA] = decays.lowest_line();
         let free = vec![Vec::new(); decays.bursts * decays.outputs];
         let (terms, cost, upto) = (Vec::new(), f64::INFINITY, decays.samples);
-        Fit { decays, terms, p, free, cost, upto }.with(Term::Offset)
+        Fit { decays, at_rest: AtRest::Offset, terms, p, free, cost, upto }
     }
 
     pub fn lines(&self) -> usize {
@@ -41,7 +42,7 @@ impl<'a> Fit<'a> {
 
     /// How many numbers are fitted, amplitudes among them.
     pub fn parameters(&self) -> usize {
-        let columns = self.offset() + 2 * self.waves().len();
+        let columns = self.at_rest.columns() + 2 * self.waves().len();
         self.p.len() + columns * self.decays.bursts * self.decays.outputs
     }
 
@@ -86,7 +87,7 @@ impl<'a> Fit<'a> {
 
     /// Without those of its terms for whose index `goes` is true; not fitted anew, like `with`.
     pub fn without(&self, goes: impl Fn(usize) -> bool) -> Fit<'a> {
-        let p = self.p[..plain_numbers(self.decays)].to_vec();
+        let p = self.p[..self.own_numbers()].to_vec();
         let mut left = Fit { terms: Vec::new(), p, cost: f64::INFINITY, ..self.clone() };
         for (_, (term, at)) in self.placed().enumerate().filter(|(i, _)| !goes(*i)) {
             left.terms.push(term);
@@ -95,19 +96,29 @@ impl<'a> Fit<'a> {
         left
     }
 
+    /// With something else at rest, a drift of rate 0; not fitted anew, like `with`.
+    pub fn resting(&self, at_rest: AtRest) -> Fit<'a> {
+        let mut other = Fit { at_rest, cost: f64::INFINITY, ..self.clone() };
+        other.p.splice(plain_numbers(self.decays)..self.own_numbers(), []);
+        if let Some(at) = other.drift() {
+            other.p.insert(at, 0.0);
+        }
+        other
+    }
+
     /// The same model of the same decays from a later sample on, not fitted anew.
     pub fn later<'b>(&self, shorter: &'b Decays, skipped: usize) -> Fit<'b> {
-        let Fit { terms, mut p, free, cost, .. } = self.clone();
+        let Fit { at_rest, terms, mut p, free, cost, .. } = self.clone();
         for burst in 0..shorter.bursts {
             let now = self.path(burst, skipped + 1)[skipped];
             p[start_of(burst)..][..2].copy_from_slice(&now);
         }
-        Fit { decays: shorter, terms, p, free, cost, upto: shorter.samples }
+        Fit { decays: shorter, at_rest, terms, p, free, cost, upto: shorter.samples }
     }
 
-    /// With nothing but an offset and a drift.
+    /// With nothing but what it shows at rest.
     pub fn still(&self) -> Fit<'a> {
-        let mut still = self.without(|i| !matches!(self.terms[i], Term::Offset | Term::Drift));
+        let mut still = self.without(|_| true);
         (0..self.decays.bursts).for_each(|burst| still.p[start_of(burst)..][..2].fill(0.0));
         still.solved(&Noise::white(&self.sizes()))
     }
@@ -126,17 +137,10 @@ impl<'a> Fit<'a> {
     /// What the sensor shows at rest after so many samples, for each output, counts: the mean over the decays.
     pub fn offsets(&self, samples: usize) -> Vec<f64> {
         let Decays { bursts, outputs, scale, .. } = self.decays;
-        let drift = self.drift().map(|(rate, at)| ((-rate * samples as f64).exp(), at));
-        let shown = |of: &Vec<f64>| of[0] + drift.map_or(0.0, |(left, at)| left * of[at]);
+        let drift = self.drift().map(|at| (-self.p[at] * samples as f64).exp());
+        let shown = |of: &Vec<f64>| of[0] + drift.map_or(0.0, |left| left * of[1]);
         let sum = |o: usize| self.free.iter().skip(o).step_by(*outputs).map(shown).sum::<f64>();
         (0..*outputs).map(|o| sum(o) * scale[o] / *bursts as f64).collect()
-    }
-
-    /// The rate of a zero that drifts, per sample, and which of a series' amplitudes is its own.
-    pub fn drift(&self) -> Option<(f64, usize)> {
-        let (_, at) = self.placed().find(|(term, _)| *term == Term::Drift)?;
-        let before = self.placed().take_while(|(term, _)| *term != Term::Drift);
-        Some((self.p[at], before.map(|(term, at)| columns_of(term, at, &self.p)).sum()))
     }
 
     /// Standard deviation of one decay's offset, for each output, beside all other free amplitudes.
@@ -197,6 +201,7 @@ impl<'a> Fit<'a> {
             let mut waves = fit.waves().into_iter();
             fit.p[OMEGA] >= lowest
                 && fit.p[OMEGA] < PI
+                && fit.drift().is_none_or(|at| fit.p[at] > grows)
                 && (!creeps(&fit.p) || creeps(&self.p))
                 && waves.all(|w| w.sigma > grows && w.omega.abs() < MOST_TURN)
         };

@@ -15,19 +15,18 @@
 
 use super::decays::Decays;
 use super::noise::{Noise, sizes};
-use super::plant::{Fit, OMEGA, SIGMA};
+use super::plant::{AtRest, Fit};
 use super::selection::Selected;
-use crate::critique::figures::{BINS, band_of_means, in_bins};
+use crate::critique::catalogue::CauseId;
+use crate::critique::figures::band_of_means;
 use crate::critique::finding::{
-    Compared, CovariateFigure, Curve, Figures, Gain, GainFigures, HeldOut, LogLikelihood, Misfit,
-    Worth,
+    Compared, Curve, Figures, Gain, GainFigures, HeldOut, LogLikelihood, Misfit, Worth,
 };
 use crate::critique::gain::Squares;
 use crate::critique::whiteness::{Lags, whiteness_p};
 use inkling_core::model::spectrum;
-use nalgebra::{Complex, DMatrix};
+use nalgebra::DMatrix;
 use std::collections::BTreeMap;
-use std::f64::consts::TAU;
 use std::ops::Range;
 
 /// Unit of the figures: the recording does not name its own.
@@ -163,15 +162,19 @@ fn worth(
     noise: &Noise,
     stretches: &Stretches,
 ) -> Option<LogLikelihood> {
-    let fit = &selected.fit;
-    selected.named().next()?;
+    let (fit, named) = (&selected.fit, selected.named());
+    if named.is_empty() {
+        return None;
+    }
     let [plain, extended] = refitted.each_ref().map(|model| stretches.ln_held_out(model));
     let mut by_cause = BTreeMap::new();
-    for (_, chosen) in selected.named() {
-        let id = chosen.candidate.id;
+    for id in named {
         by_cause.entry(id.name()).or_insert_with(|| {
-            let left = fit.without(|i| fit.terms[i].id() == id).descend(noise);
-            stretches.worth(&extended, &stretches.ln_held_out(&left))
+            let left = match id {
+                CauseId::Offset => fit.resting(AtRest::Zero),
+                _ => fit.without(|i| fit.terms[i].id() == id),
+            };
+            stretches.worth(&extended, &stretches.ln_held_out(&left.descend(noise)))
         });
     }
     Some(LogLikelihood { all: stretches.worth(&extended, &plain), by_cause })
@@ -214,78 +217,5 @@ pub fn draw(selected: &Selected) -> Figures {
     let step_hz = 4.0 / ((4 * n).next_power_of_two() as f64 * decays.dt_s);
     let hertz = (0..powers[0].y.len()).map(|j| (j + 1) as f64 * step_hz).collect();
     let spectrum = Compared::of(hertz, powers);
-    Figures {
-        mean_misfit,
-        spectrum,
-        unit: UNIT.into(),
-        covariates: against_amplitude(selected, &after),
-    }
-}
-
-/// For each stretch but the last its amplitude, and the frequency and the damping that turn it into the next
-/// one's, per sample: from the complex amplitudes that a wave of frequency `omega` has in both.
-fn local(y: &[f64], omega: f64, length: usize) -> Vec<[f64; 3]> {
-    let mean = y.iter().sum::<f64>() / y.len() as f64;
-    let turned = |k: usize, y: f64| Complex::from_polar(y - mean, -omega * k as f64);
-    let all: Vec<Complex<f64>> = y.iter().enumerate().map(|(k, y)| turned(k, *y)).collect();
-    let sums = all.chunks_exact(length).map(|part| part.iter().sum::<Complex<f64>>());
-    let sums: Vec<Complex<f64>> = sums.map(|sum| sum * 2.0 / length as f64).collect();
-    let step = |pair: &[Complex<f64>]| {
-        let (size, turn) = (pair[1] / pair[0]).to_polar();
-        [pair[0].norm(), omega + turn / length as f64, -size.ln() / length as f64]
-    };
-    sums.windows(2).map(step).collect()
-}
-
-/// Amplitude of a stretch, in the unit of the recording; then, of the frequency and of the damping, what both
-/// models leave, relative to the plain oscillation's.
-type Point = (f64, [[f64; 2]; 2]);
-
-/// Misfit of the frequency and the damping of single stretches, of four swings each, against their amplitude,
-/// in bins. `after`: the extended model's misfit; what that model expects of a stretch is measured in the
-/// simulated stretch as in the real one. Only the first output is looked at, which counts as the displacement.
-/// Empty where less than three stretches tell something, or several modes ring.
-fn against_amplitude(selected: &Selected, after: &[f64]) -> Vec<CovariateFigure> {
-    let decays = selected.fit.decays;
-    let rates = [selected.baseline.p[OMEGA], selected.baseline.p[SIGMA]];
-    let length = ((4.0 * TAU / rates[0]).round() as usize).max(16);
-    let noise = sizes(after, decays)[0];
-    let mut points: Vec<Point> = Vec::new();
-    let series =
-        |y: &[f64], b: usize| y[b * decays.outputs * decays.samples..][..decays.samples].to_vec();
-    for b in 0..decays.bursts {
-        let (y, left) = (series(&decays.y, b), series(after, b));
-        let simulated: Vec<f64> = y.iter().zip(left).map(|(y, r)| y - r).collect();
-        let both = [&y, &simulated].map(|y| local(y, rates[0], length));
-        for (seen, expected) in both[0].iter().zip(&both[1]) {
-            let of = |j: usize| {
-                let base = rates[j].abs().max(1e-9);
-                let [own, model] = [seen[j + 1], expected[j + 1]];
-                [(own - rates[j]) / base, (own - model) / base]
-            };
-            // only what is well above the noise tells something
-            if seen[0] > 5.0 * noise {
-                points.push((seen[0] * decays.scale[0], [of(0), of(1)]));
-            }
-        }
-    }
-
-    points.retain(|(_, of)| of.iter().flatten().all(|v| v.is_finite()));
-    points.sort_by(|p, q| p.0.total_cmp(&q.0));
-    if points.len() < 3 || selected.fit.lines() > 0 {
-        return Vec::new();
-    }
-    let of_parameter = |(which, parameter): (usize, &str)| {
-        let left = |(x, of): &Point| [*x, of[which][0], of[which][1]];
-        let bins =
-            points.chunks(points.len().div_ceil(BINS).max(3)).map(|bin| bin.iter().map(left));
-        CovariateFigure {
-            covariate: "amplitude".into(),
-            unit: UNIT.into(),
-            parameter: parameter.into(),
-            means: in_bins(bins),
-            ..CovariateFigure::default()
-        }
-    };
-    [(0, "frequency"), (1, "damping")].map(of_parameter).into()
+    Figures { mean_misfit, spectrum, unit: UNIT.into() }
 }

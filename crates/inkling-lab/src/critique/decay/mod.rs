@@ -16,7 +16,9 @@ mod gain;
 mod lost;
 mod motion;
 mod noise;
+mod onset;
 mod plant;
+mod rest;
 mod selection;
 #[cfg(test)]
 mod slow_tests;
@@ -28,7 +30,9 @@ mod words;
 
 use super::catalogue::InDecays;
 use super::chance::{THRESHOLD, surprise};
-use super::finding::{Cause, Critique, GainFigures, NotTestable, Signals, VERSION, Verdict};
+use super::finding::{
+    Cause, Critique, GainFigures, NotTestable, Signals, Structure, VERSION, Verdict,
+};
 use super::observations::Observations;
 use super::outcome::{CritiqueError, NotExtended, Outcome};
 use super::tuned::MOSTLY;
@@ -41,12 +45,14 @@ use inkling_core::model::inner_product::dot;
 use inkling_core::model::spectrum;
 use inkling_core::numbers::FEW;
 use noise::{ROUNDED, sizes};
-use plant::Fit;
 use selection::Selected;
 use std::collections::BTreeMap;
 use std::f64::consts::TAU;
 
 pub use decays::MOST_SAMPLES;
+
+/// How often decays are looked at, each time without the samples that were far off before.
+const MOST_LOOKS: usize = 3;
 
 /// What is left of the misfit. `named`: some cause has a name.
 ///
@@ -92,12 +98,6 @@ fn left(selected: &Selected, named: bool, gain: &GainFigures) -> Unexplained {
             "the misfit that is left is not spread evenly: much of it lies about {at} s"
         ));
     }
-    if let Some([low, high]) = gain.chi2_per_dof_interval.filter(|_| !named)
-        && (low > 2.0 || high < 0.5)
-    {
-        let times = digits::short(gain.chi2_per_dof);
-        noted.push(format!("held-out parts have {times} times the misfit's square of the others"));
-    }
     // misfit that may be the noise's own colour takes no name away
     let share_allowed = if predictable > MOSTLY { MOSTLY } else { 1.0 };
     let share = (rest / missed.max(1e-12)).min(1.0);
@@ -129,16 +129,18 @@ fn unexplained(selected: &Selected, left: &Unexplained) -> Vec<String> {
     left.remarks().into_iter().chain(unnamed).collect()
 }
 
-/// Criticises the model of decays, and twice more with what the model simulates in the place of single samples far off
-/// it. Error: nothing rings, or the bursts are no decays of one system.
+/// Criticises the model of decays, and again with what the model simulates in the place of single samples far off it,
+/// until no further ones are. Error: nothing rings, or the bursts are no decays of one system.
 pub fn critique(data: &Observations) -> Result<Outcome, CritiqueError> {
     let mut all = Decays::of(data)?;
     let clipped = lost::clipped(&all);
     let held = lost::held(&all);
     let mut strays = BTreeMap::new();
-    for last in [false, false, true] {
+    let mut left = MOST_LOOKS;
+    loop {
+        left -= 1;
         all.work.begins(work::ONSET);
-        let decays = all.from(lost::onset(&all));
+        let decays = all.from(onset::onset(&all));
         let selected = selection::select(&decays);
         let (misfit, known) = (selected.fit.misfit(), strays.len());
         for (i, far) in lost::strays(&selected.fit) {
@@ -146,14 +148,13 @@ pub fn critique(data: &Observations) -> Result<Outcome, CritiqueError> {
             strays.entry(place).or_insert(far);
             all.y[place] -= misfit[i];
         }
-        if strays.len() == known || last {
+        if strays.len() == known || left == 0 {
             let clips = clipped.iter().any(|i| i % all.samples >= decays.skipped);
             let mut lost = lost_in_words(&all, clipped.len(), &strays);
             let why_none = clips.then(|| lost.remove(0)).or(held);
             return judged(data, &selected, lost, why_none);
         }
     }
-    unreachable!("the last round returns")
 }
 
 /// What is said of samples that are clipped; then of stray ones, each with how far off it is.
@@ -183,9 +184,7 @@ fn judged(
     let still = selected.fit.drift().map(|_| selected.fit.still().misfit());
     let (misfit, moved) = (selected.fit.misfit(), still.as_ref().unwrap_or(&decays.y));
     let explained = 1.0 - dot(&misfit, &misfit) / dot(moved, moved);
-    // a sound of many partials follows from the samples before, though a single one explains little of it
-    let sounds = || Fit::zero(decays).noise().predictable() > MOSTLY;
-    if explained.is_nan() || !rings(selected, explained) && !sounds() {
+    if explained.is_nan() || !rings(selected, explained) {
         return Err(CritiqueError::NoRing);
     }
 
@@ -203,7 +202,8 @@ fn judged(
     }
     left.noted.splice(0..0, lost);
     let verdict = Verdict::of(&mut causes, &left);
-    if verdict == Verdict::Unknown && is_decay && causes.is_empty() && selected.causes.len() == 1 {
+    let is_plain = selected.causes.is_empty() && selected.fit.drift().is_none();
+    if verdict == Verdict::Unknown && is_decay && causes.is_empty() && is_plain {
         causes.extend(nearest(selected));
     }
     remarks.extend(not_worth(&causes, &gain));
@@ -211,32 +211,7 @@ fn judged(
     remarks.extend(left.noted.iter().filter(|_| verdict != Verdict::None).cloned());
     remarks.extend(unexplained(selected, &left));
     remarks.extend(ties(&causes));
-    remarks.push(format!(
-        "a forecast of the last 40 % of the record misses {} % of the movement, and {} % where the fitted model with noise is forecast",
-        digits::short(structure.forecast.record_percent),
-        digits::short(structure.forecast.control_percent)
-    ));
-    if decays.skipped > 0 {
-        remarks.push(format!(
-            "the decay is free from {} s after the first sample on: what comes before is driven or clipped, and was left out",
-            digits::short(structure.onset_s)
-        ));
-    }
-    if decays.incomplete > 0 {
-        remarks.push(format!(
-            "{} bursts were left out: not all outputs are in them",
-            decays.incomplete
-        ));
-    }
-    if !decays.whole || data.found > data.len() as u64 {
-        remarks.push(format!(
-            "{} samples of each of {} signals were looked at, in {} bursts spread over the recording of {} signals",
-            decays.samples,
-            decays.bursts * decays.outputs,
-            decays.bursts,
-            data.found
-        ));
-    }
+    remarks.extend(of_the_record(data, decays, &structure));
     let critique = Critique {
         version: VERSION,
         verdict,
@@ -269,15 +244,43 @@ fn judged(
     })
 }
 
+/// Remarks on how well the record's end is foreseen, and on what of it was not looked at.
+fn of_the_record(data: &Observations, decays: &Decays, structure: &Structure) -> Vec<String> {
+    let Decays { bursts, samples, incomplete, .. } = *decays;
+    let mut remarks = vec![format!(
+        "a forecast of the last 40 % of the record misses {} % of the movement, and {} % where the fitted model with noise is forecast",
+        digits::short(structure.forecast.record_percent),
+        digits::short(structure.forecast.control_percent)
+    )];
+    if decays.skipped > 0 {
+        remarks.push(format!(
+            "the decay is free from {} s after the first sample on: what comes before is driven or clipped, and was left out",
+            digits::short(structure.onset_s)
+        ));
+    }
+    if incomplete > 0 {
+        remarks.push(format!("{incomplete} bursts were left out: not all outputs are in them"));
+    }
+    if !decays.whole || data.found > data.len() as u64 {
+        remarks.push(format!(
+            "{samples} samples of each of {} signals were looked at, in {bursts} bursts spread over the recording of {} signals",
+            bursts * decays.outputs,
+            data.found
+        ));
+    }
+    remarks
+}
+
 /// Whether the model explains more than chance finds in as much noise. `explained`: share of the decays'
 /// squares. The statistic -n ln(1 - explained) of n samples is compared with chi-squared of as many degrees
-/// as there are numbers but for the offsets, which explain no movement, and one of n/2 frequencies was chosen.
+/// as there are numbers but for what is shown at rest, which is no movement, and one of n/2 frequencies was chosen.
 fn rings(selected: &Selected, explained: f64) -> bool {
     let decays = selected.fit.decays;
     let samples = decays.y.len() as f64;
     let statistic = -samples * (1.0 - explained).max(1e-12).ln();
     let places = decays.samples as f64 / 2.0;
-    let degrees = selected.fit.parameters().saturating_sub(decays.bursts * decays.outputs).max(1);
+    let at_rest = selected.fit.at_rest.columns() * decays.bursts * decays.outputs;
+    let degrees = selected.fit.parameters() - at_rest;
     surprise(statistic, degrees, places, f64::INFINITY) > THRESHOLD
 }
 

@@ -5,9 +5,9 @@
 //!
 //! In a burst, output j shows y_j = g_j x + h_j x'/omega + sum_w (a_w cos + b_w sin) e^{-sigma_w t} + offset,
 //! where x(t) follows the equation of `motion.rs` from the burst's own start. Of the first output g = 1 and
-//! h = 0; of the others these shares of displacement and velocity are fitted. The amplitudes of waves and the
-//! offset are free in every series. They are linear, so they are no numbers here: `fit.rs`
-//! eliminates them. Derivatives of the motion are central differences.
+//! h = 0; of the others these shares of displacement and velocity are fitted. What is shown at rest ([`AtRest`]) and
+//! the amplitudes of waves are free in every series. They are linear, so they are no numbers here: `elimination.rs`
+//! finds them. Derivatives of the motion are central differences.
 
 use super::decays::Decays;
 use super::motion::Motion;
@@ -16,7 +16,7 @@ use inkling_core::model::waves::waves;
 
 /// Indices of the oscillator's own numbers: damping and undamped frequency (per sample), then x and
 /// x'/omega of each burst's first sample, then the shares of displacement and velocity of every
-/// output but the first. The numbers of the terms follow, in the terms' order.
+/// output but the first. The rate of a drift follows, if there is one, then the numbers of the terms, in their order.
 pub const SIGMA: usize = 0;
 pub const OMEGA: usize = 1;
 const STARTS: usize = 2;
@@ -32,6 +32,27 @@ pub fn plain_numbers(decays: &Decays) -> usize {
 /// Index of x and x'/omega of a burst's first sample.
 pub fn start_of(burst: usize) -> usize {
     STARTS + 2 * burst
+}
+
+/// What a series shows at rest, in amounts of its own.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum AtRest {
+    Zero,
+    Offset,
+    /// An offset, and beside it an exponential, whose rate all series share: a zero that drifts, or settles. A slow one
+    /// is nearly a straight line.
+    Drift,
+}
+
+impl AtRest {
+    /// Number of its amplitudes in every series.
+    pub fn columns(self) -> usize {
+        match self {
+            AtRest::Zero => 0,
+            AtRest::Offset => 1,
+            AtRest::Drift => 2,
+        }
+    }
 }
 
 /// A damped cosine and sine of free amplitudes in every series.
@@ -64,24 +85,19 @@ pub fn waves_of(term: Term, at: usize, p: &[f64]) -> Vec<Wave> {
             let by = vec![(SIGMA, [k, 0.0]), (OMEGA, [0.0, k])];
             vec![Wave { sigma: k * sigma, omega: k * omega, by }]
         }
-        // its sine is 0, and takes nothing
-        Term::Drift => vec![Wave { sigma: p[at], omega: 0.0, by: vec![(at, [1.0, 0.0])] }],
         _ => Vec::new(),
     }
 }
 
-/// How many free amplitudes a term has in every series: an offset, or those of the cosine and the sine of waves.
-pub fn columns_of(term: Term, at: usize, p: &[f64]) -> usize {
-    usize::from(term == Term::Offset) + 2 * waves_of(term, at, p).len()
-}
-
-/// A model of some decays: the oscillator with its terms, and their numbers. `fit.rs` finds these.
+/// A model of some decays: the oscillator with what it shows at rest and its terms, and their numbers. `fit.rs` finds
+/// these.
 #[derive(Clone, Debug)]
 pub struct Fit<'a> {
     pub decays: &'a Decays,
+    pub at_rest: AtRest,
     pub terms: Vec<Term>,
     pub p: Vec<f64>,
-    /// Of each series the amplitudes of all columns, in the terms' order.
+    /// Of each series the amplitudes of all columns.
     pub free: Vec<Vec<f64>>,
     pub cost: f64,
     /// How many samples of each series it is fitted to: all, but while it is followed from the first ones on.
@@ -92,9 +108,19 @@ pub struct Fit<'a> {
 pub type Slopes = Vec<(usize, Vec<f64>)>;
 
 impl Fit<'_> {
+    /// The index of a drift's rate.
+    pub fn drift(&self) -> Option<usize> {
+        (self.at_rest == AtRest::Drift).then_some(plain_numbers(self.decays))
+    }
+
+    /// Number of those numbers that are none of the terms'.
+    pub fn own_numbers(&self) -> usize {
+        plain_numbers(self.decays) + usize::from(self.drift().is_some())
+    }
+
     /// Its terms, each with the index of its first number.
     pub fn placed(&self) -> impl Iterator<Item = (Term, usize)> {
-        self.terms.iter().scan(plain_numbers(self.decays), |next, term| {
+        self.terms.iter().scan(self.own_numbers(), |next, term| {
             let at = *next;
             *next += term.numbers();
             Some((*term, at))
@@ -112,7 +138,7 @@ impl Fit<'_> {
                 Term::Unnamed(rival) => {
                     motion.unnamed.set(rival, &p[at..at + term.numbers()]);
                 }
-                Term::Offset | Term::Drift | Term::Line(_) => {}
+                Term::Line(_) => {}
             }
         }
         motion
@@ -128,16 +154,16 @@ impl Fit<'_> {
         self.placed().flat_map(|(term, at)| waves_of(term, at, &self.p)).collect()
     }
 
-    /// Number of offsets in every series, 1 or 0; that is the first term.
-    pub fn offset(&self) -> usize {
-        usize::from(self.terms.first() == Some(&Term::Offset))
-    }
-
-    /// What the free amplitudes are those of: 1 for the offset, and the cosine and sine of each wave.
+    /// What the free amplitudes are those of: 1 for the offset, the drift, and the cosine and sine of each wave.
     pub fn columns(&self) -> Vec<Vec<f64>> {
-        let offset = std::iter::repeat_n(vec![1.0; self.upto], self.offset());
+        let mut columns = vec![vec![1.0; self.upto]; self.at_rest.columns().min(1)];
+        columns.extend(self.drift().map(|at| {
+            let [falls, _] = waves(self.p[at], 0.0, self.upto);
+            falls
+        }));
         let of_wave = |wave: Wave| waves(wave.sigma, wave.omega, self.upto);
-        offset.chain(self.waves().into_iter().flat_map(of_wave)).collect()
+        columns.extend(self.waves().into_iter().flat_map(of_wave));
+        columns
     }
 
     /// The motion of a burst (`path`: x and x'/omega) as one output shows it.

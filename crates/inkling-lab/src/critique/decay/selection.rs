@@ -8,25 +8,23 @@
 //!    sign is an objection (`children`).
 //! 2. `round`: candidates that passed compete by BIC, so whether a line is a mode, a tone, a harmonic or a
 //!    side band is one comparison.
-//! 3. `settled`: terms that are now superfluous go (`eliminate`), and a rival without a name gives way to a
-//!    named term that explains as much beside all others (`exchange`).
-//! 4. `offset`: each series has an offset of its own from the start; the one that all decays share is a cause.
+//! 3. `settled`: terms that are now superfluous go (`eliminate`), a rival without a name gives way to a named term
+//!    that explains as much beside all others (`exchange`), and what the sensor shows at rest is compared anew (`rest`).
 //!
-//! Causes and the fit's terms stand in the same order; during the search the offset, which is the first term,
-//! is no cause yet.
+//! Causes and the fit's terms stand in the same order.
 
 use super::children::{Added, baseline, child, objection};
 use super::decays::Decays;
 use super::motion::Form;
 use super::noise::Noise;
-use super::plant::Fit;
+use super::plant::{AtRest, Fit};
+use super::rest;
 use super::terms::{Line, Term, unnamed};
 use crate::critique::candidate::{Candidate, Chosen, Objection};
 use crate::critique::catalogue::CauseId;
 use crate::critique::chance::{DETECTION_LIMIT, THRESHOLD, surprise};
-use crate::critique::ensemble::mean_of;
 use crate::critique::finding::Evidence;
-use crate::critique::search::{Contender, ExplainedModel, Round, System, search};
+use crate::critique::search::{Contender, ExplainedModel, System, search};
 use crate::critique::tuned::{LEFT_BY_ALL, LEFT_TO_SHAPES, MOSTLY, TIE};
 use crate::critique::work::{self, Stage, Work};
 use inkling_core::numbers::LITTLE;
@@ -45,9 +43,10 @@ pub struct Selected<'a> {
     pub fit: Fit<'a>,
     pub noise: Noise,
     pub covariance: DMatrix<f64>,
-    /// The final model without what has no name, but a drift, fitted anew: what can be told of it as numbers. None:
-    /// all of it can.
+    /// The final model without what has no name, fitted anew: what can be told of it as numbers. None: all of it can.
     pub told: Option<(Fit<'a>, DMatrix<f64>)>,
+    /// That all decays share.
+    pub offset: Candidate,
     /// One for each term of `fit`, rivals among them.
     pub causes: Vec<Chosen<Added<'a>>>,
     pub evidence: Vec<Evidence>,
@@ -58,10 +57,8 @@ pub struct Selected<'a> {
 }
 
 impl<'a> Selected<'a> {
-    /// But for a drift, which lies beside all that rings.
     pub fn strongest_rival(&self) -> Option<&Tried<'a>> {
-        let is_rival = |c: &&Tried| !c.has_name() && c.id != CauseId::Drift;
-        let rivals = self.causes.iter().map(|c| &c.candidate).filter(is_rival);
+        let rivals = self.causes.iter().map(|c| &c.candidate).filter(|c| !c.has_name());
         rivals.max_by(|p, q| p.statistic.total_cmp(&q.statistic))
     }
 
@@ -70,13 +67,19 @@ impl<'a> Selected<'a> {
         self.told.as_ref().map_or((&self.fit, &self.covariance), |(fit, of)| (fit, of))
     }
 
-    /// The causes that keep their name, with their indices: those that explain more than any rival in the
-    /// model, and beside other causes more than one detection limit.
-    pub fn named(&self) -> impl Iterator<Item = (usize, &Chosen<Added<'a>>)> {
+    /// Whether a cause, or the offset, keeps its name: if it explains more than any rival in the model, and beside
+    /// other causes more than one detection limit.
+    pub fn is_named<Form>(&self, cause: &Candidate<Form>) -> bool {
         let rival = self.strongest_rival().map_or(0.0, |rival| rival.statistic);
-        let least = if self.causes.len() > 1 { rival.max(DETECTION_LIMIT) } else { rival };
-        let is_named = move |c: &Tried| c.has_name() && c.accepted() && c.statistic > least;
-        self.causes.iter().enumerate().filter(move |(_, c)| is_named(&c.candidate))
+        let least = if self.causes.is_empty() { rival } else { rival.max(DETECTION_LIMIT) };
+        cause.has_name() && cause.accepted() && cause.statistic > least
+    }
+
+    /// What keeps its name; of several lines each.
+    pub fn named(&self) -> Vec<CauseId> {
+        let causes = self.causes.iter().map(|c| &c.candidate).filter(|c| self.is_named(c));
+        let offset = self.is_named(&self.offset).then_some(CauseId::Offset);
+        causes.map(|c| c.id).chain(offset).collect()
     }
 }
 
@@ -87,6 +90,12 @@ fn deviance(fit: &Fit) -> f64 {
     fit.sizes().iter().map(|s| 2.0 * count * s.ln()).sum()
 }
 
+/// By how much the misfit's squares fall from the parent to the fit, as a noise sees them.
+pub fn fall(parent: &Fit, fit: &Fit, noise: &Noise) -> f64 {
+    let seen = |of: &Fit| noise.seen(&of.misfit(), of.decays.samples);
+    (seen(parent) - seen(fit)).max(0.0)
+}
+
 /// By how much BIC falls from the parent to the fit, in white noise.
 pub fn gain_in_bic(parent: &Fit, fit: &Fit) -> f64 {
     let more = fit.parameters() as f64 - parent.parameters() as f64;
@@ -95,23 +104,29 @@ pub fn gain_in_bic(parent: &Fit, fit: &Fit) -> f64 {
 
 /// Fits terms beside the parent's, in white noise, and tests them in the noise that the best of them leaves:
 /// their statistic is the fall of the misfit's squares as that noise sees them. Of forms of one cause the
-/// best stays.
+/// best stays. What bends the ring shifts its mean, so each is fitted beside a drift and without.
 fn candidates<'a>(parent: &Fit<'a>, terms: Vec<Term>) -> Vec<Tried<'a>> {
     let white = Noise::white(&parent.sizes());
-    let fits = side_by_side(cores(), terms.clone(), |term| child(parent, term, &white));
+    let without = parent.drift().map(|_| parent.resting(AtRest::Offset).descend(&white));
+    let likeliest = |term| {
+        let parents = std::iter::once(parent).chain(&without);
+        let fits = parents.filter_map(|parent| child(parent, term, &white));
+        fits.max_by(|p, q| gain_in_bic(parent, p).total_cmp(&gain_in_bic(parent, q)))
+    };
+    let fits = side_by_side(cores(), terms.clone(), likeliest);
     let mut kept: Vec<Tried> = Vec::new();
     for (term, fit) in terms.into_iter().zip(fits) {
         let Some(fit) = fit else { continue };
         // share of the parent's squares that the term takes away (outputs by their geometric mean)
-        let fall = deviance(&fit) - deviance(parent);
-        let share = 1.0 - (fall / parent.decays.y.len() as f64).exp();
+        let more = deviance(&fit) - deviance(parent);
+        let share = 1.0 - (more / parent.decays.y.len() as f64).exp();
         let covariance = fit.covariance(&Noise::white(&fit.sizes()));
         let bic = gain_in_bic(parent, &fit);
         let one = Candidate {
             degrees: fit.parameters().saturating_sub(parent.parameters()).max(1),
             tried: term.places(parent.decays),
             objection: objection(&fit, parent.terms.len(), &covariance),
-            ..Candidate::plain(term.id(), -fall, Added { term, fit, share, bic })
+            ..Candidate::plain(term.id(), -more, Added { term, fit, share, bic })
         };
         let rank = |c: &Tried| (!c.able(), -c.form.bic);
         match kept.iter_mut().find(|c| c.id == term.id()) {
@@ -134,7 +149,7 @@ fn candidates<'a>(parent: &Fit<'a>, terms: Vec<Term>) -> Vec<Tried<'a>> {
 fn judge(candidate: &mut Tried, parent: &Fit, noise: &Noise) {
     let Added { term, fit, share, .. } = &candidate.form;
     let before = noise.seen(&parent.misfit(), parent.decays.samples);
-    candidate.statistic = (before - noise.seen(&fit.misfit(), parent.decays.samples)).max(0.0);
+    candidate.statistic = fall(parent, fit, noise);
     let Candidate { statistic, degrees, tried, .. } = *candidate;
     candidate.surprise = surprise(statistic, degrees, tried, fit.degrees_of_freedom());
     let little = noise.predictable() > MOSTLY
@@ -150,6 +165,7 @@ impl<'a> System for &'a Decays {
     type Form = Added<'a>;
     const MOST_CAUSES: u32 = 14;
     const TIED_MAY_ENTER: bool = true;
+    const RIVALS_MAY_ENTER: bool = true;
     const TRYING: Stage = work::TERMS;
 
     fn work(&self) -> &Work {
@@ -171,18 +187,18 @@ impl<'a> System for &'a Decays {
             }
         }
         let all = Term::NAMED.into_iter().chain(lines()).chain(unnamed().map(Term::Unnamed));
-        candidates(parent, may_join(all.chain([Term::Drift]).collect()))
+        candidates(parent, may_join(all.collect()))
     }
 
     /// All candidates that passed compete by BIC, but a line that something without a name makes as well: the
     /// ring itself needs no further cause. (Side bands, which hold any line, are no such thing.) A rival that is
-    /// no more than what strong causes leave, or less than one detection limit, may not enter.
+    /// no more than what strong causes leave, or less than one detection limit, is weak.
     fn round(
         &self,
         _: &Fit<'a>,
         tried: &[Tried<'a>],
         chosen: &[Chosen<Added<'a>>],
-    ) -> Round<Fit<'a>, Added<'a>> {
+    ) -> Vec<Contender<Fit<'a>, Added<'a>>> {
         let strongest = chosen.iter().map(|c| c.candidate.statistic).fold(0.0, f64::max);
         let least = (LEFT_BY_ALL * strongest).max(DETECTION_LIMIT);
         let contender = |t: &Tried<'a>| Contender {
@@ -190,7 +206,7 @@ impl<'a> System for &'a Decays {
             model: t.form.fit.clone(),
             // a pair of lines counts by what each of them gains
             penalised: -t.form.bic / if t.id == CauseId::GainSways { 2.0 } else { 1.0 },
-            may_enter: t.has_name() || t.id == CauseId::Drift || t.statistic >= least,
+            is_weak: !t.has_name() && t.statistic < least,
         };
         let passed = tried.iter().filter(|t| t.accepted() && t.form.bic > 0.0);
         let mut contenders: Vec<_> = passed.map(contender).collect();
@@ -205,8 +221,7 @@ impl<'a> System for &'a Decays {
             let is_own = made >= r.penalised + TIE && r.candidate.statistic >= least_line;
             !is_line || is_own
         });
-        let may_enter = contenders.iter().filter(|r| r.may_enter).map(|r| r.penalised);
-        Round { least: may_enter.fold(f64::INFINITY, f64::min), contenders }
+        contenders
     }
 
     /// The search breaks where the newcomer itself is gone again: it would come back for ever.
@@ -217,12 +232,12 @@ impl<'a> System for &'a Decays {
     ) -> ControlFlow<Fit<'a>, Fit<'a>> {
         let newcomer = causes.last().map(|c| c.candidate.form.term);
         let (there, lines) = (causes.len(), now.lines());
-        let beside = lines + usize::from(now.drift().is_some());
-        let alone = newcomer == Some(Term::Line(Line::Mode)) && beside == causes.len();
+        let alone = newcomer == Some(Term::Line(Line::Mode)) && lines == causes.len();
         if !alone {
             eliminate(&mut now, causes);
             exchange(&mut now, causes);
         }
+        now = rest::compared(now);
         let is_there = causes.iter().any(|c| Some(c.candidate.form.term) == newcomer);
         let gone = causes.len() < there && !is_there
             || newcomer.is_some_and(Term::is_line) && now.lines() < lines;
@@ -234,7 +249,7 @@ pub fn select(decays: &Decays) -> Selected<'_> {
     decays.work.begins(work::OSCILLATION);
     let baseline = baseline(decays);
     let ExplainedModel { mut fitted, mut causes, evidence, unnamed } =
-        search(&decays, baseline.clone(), decays.ln_samples());
+        search(&decays, rest::compared(baseline.clone()), decays.ln_samples());
     decays.work.begins(work::MEASURING);
     eliminate(&mut fitted, &mut causes);
     let noise = fitted.noise();
@@ -243,84 +258,46 @@ pub fn select(decays: &Decays) -> Selected<'_> {
     let more = better_form(&mut fit, &mut causes, &noise);
     let form_is_known = more > margin(&fit, &noise);
     let covariance = fit.covariance(&noise);
-    let told = fit.terms.iter().any(|term| term.is_untold()).then(|| {
-        let told = fit.without(|i| fit.terms[i].is_untold());
+    let is_untold = |term: &Term| !term.id().has_name();
+    let told = fit.terms.iter().any(is_untold).then(|| {
+        let told = fit.without(|i| is_untold(&fit.terms[i]));
         let told = told.descend(&Noise::white(&fit.sizes()));
         let covariance = told.covariance(&told.noise());
         (told, covariance)
     });
-    causes.insert(0, offset(&fit, &noise));
-    Selected { baseline, fit, noise, covariance, told, causes, evidence, unnamed, form_is_known }
-}
-
-/// The offset that all decays share, as a cause. One that differs between decays is none: what its
-/// differences explain is taken off its statistic, and where they are more than chance, the mean must stand
-/// out of the decays' spread.
-fn offset<'a>(fit: &Fit<'a>, noise: &Noise) -> Chosen<Added<'a>> {
-    let Decays { bursts, outputs, .. } = *fit.decays;
-    let (count, all) = (bursts as f64, noise.seen(&fit.misfit(), fit.decays.samples));
-    let without = fit.without(|i| i == 0).descend(noise);
-    let explained = noise.seen(&without.misfit(), fit.decays.samples) - all;
-
-    // mean over the decays of each output's offset, and its error by their spread, in the fit's scale
-    let of_output = |o: usize| {
-        let each = fit.free.iter().skip(o).step_by(outputs);
-        mean_of(&each.map(|of| of[0]).collect::<Vec<f64>>())
-    };
-    let sd = fit.sd_of_offset(noise);
-    let largest = (0..outputs).max_by(|p, q| {
-        let size = |o: usize| (of_output(o).0 * fit.decays.scale[o]).abs();
-        size(*p).total_cmp(&size(*q))
-    });
-    let output = largest.unwrap_or(0);
-    let (mean, by_spread) = of_output(output);
-    let differs = |o: usize| count * (count - 1.0) * (of_output(o).1 / sd[o]).powi(2);
-    let differ: f64 = (0..outputs).map(differs).sum();
-    let price = (count - 1.0) * outputs as f64 * fit.decays.ln_samples();
-    let is_shared = differ <= price;
-    let (statistic, degrees, dof) = match is_shared {
-        true => ((explained - differ).max(0.0), outputs, fit.degrees_of_freedom()),
-        false => ((mean / by_spread).powi(2), 1, count - 1.0),
-    };
-    let error = if is_shared { sd[output] / count.sqrt() } else { by_spread };
-    let scale = fit.decays.scale[output];
-    let form = Added { term: Term::Offset, fit: fit.clone(), share: 0.0, bic: 0.0 };
-    let looks = if is_shared { 1.0 } else { outputs as f64 };
-    // what drifts is no offset, nor what no sample comes near
-    let seen = || fit.decays.of_output(&fit.decays.y, output).flatten();
-    let stays = fit.drift().is_none() && seen().any(|y| *y > mean) && seen().any(|y| *y < mean);
-    let candidate = Candidate {
-        degrees,
-        surprise: if stays { surprise(statistic, degrees, looks, dof) } else { 0.0 },
-        value: mean * scale,
-        sd: error * scale,
-        ..Candidate::plain(CauseId::Offset, statistic, form)
-    };
-    let delta_bic = candidate.delta_bic(fit.decays.ln_samples());
-    Chosen { candidate, delta_bic, tied_with: Vec::new(), tied_unnamed: Vec::new() }
+    let offset = rest::offset(&fit, &noise);
+    Selected {
+        baseline,
+        fit,
+        noise,
+        covariance,
+        told,
+        offset,
+        causes,
+        evidence,
+        unnamed,
+        form_is_known,
+    }
 }
 
 /// Takes out causes that the newcomer makes superfluous, or gives the wrong sign, the weakest first, and
 /// measures all others: how much of the misfit comes back if the cause is left out and all else fitted again.
-/// The offset comes before the causes among the terms.
 fn eliminate<'a>(now: &mut Fit<'a>, causes: &mut Vec<Chosen<Added<'a>>>) {
     loop {
         let noise = now.noise();
         let white = Noise::white(&now.sizes());
         *now = now.descend(&white);
         let covariance = now.covariance(&noise);
-        let samples = now.decays.samples;
-        let left = noise.seen(&now.misfit(), samples);
-        let without = |i: usize| now.without(|k| k == i + 1).descend(&white);
+        let without = |i: usize| now.without(|k| k == i).descend(&white);
         let parents = side_by_side(cores(), (0..causes.len()).collect(), without);
         let mut weakest: Option<(usize, Fit, f64)> = None;
         for (i, (Chosen { candidate, .. }, parent)) in causes.iter_mut().zip(parents).enumerate() {
             if !parent.cost.is_finite() {
                 continue; // without this cause the motion is lost
             }
-            candidate.statistic = (noise.seen(&parent.misfit(), samples) - left).max(0.0);
+            candidate.statistic = fall(&parent, now, &noise);
             let Candidate { statistic, degrees, tried, .. } = *candidate;
-            let surprise = match objection(now, i + 1, &covariance) {
+            let surprise = match objection(now, i, &covariance) {
                 Some(_) => 0.0,
                 None if gain_in_bic(&parent, now) < 0.0 => 0.0,
                 None => surprise(statistic, degrees, tried, now.degrees_of_freedom()),
@@ -370,7 +347,7 @@ fn exchange<'a>(now: &mut Fit<'a>, causes: &mut Vec<Chosen<Added<'a>>>) {
             .min_by(|p, q| criterion(p).total_cmp(&criterion(q)));
         let Some(fit) = best else { continue };
         if criterion(&fit) < criterion(now) + margin(now, &noise) {
-            let mut cause = causes.remove(index - 1);
+            let mut cause = causes.remove(index);
             let term = fit.terms[left.terms.len()];
             cause.candidate.id = term.id();
             cause.candidate.degrees = fit.parameters() - left.parameters();
@@ -395,7 +372,7 @@ fn better_form(now: &mut Fit, causes: &mut [Chosen<Added>], noise: &Noise) -> f6
     let fit = fit.descend(noise);
     let more = now.cost - fit.cost;
     if more > 0.0 && objection(&fit, index, &fit.covariance(noise)).is_none() {
-        (causes[index - 1].candidate.form.term, *now) = (other, fit);
+        (causes[index].candidate.form.term, *now) = (other, fit);
     }
     more.abs()
 }

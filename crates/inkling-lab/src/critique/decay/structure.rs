@@ -5,7 +5,6 @@
 //! more than noise does. The forecast is that of the last two fifths of the record by the model fitted to the
 //! rest; its control is the same of decays of the fitted model itself with as much noise as it leaves.
 
-use super::children::lowest_line;
 use super::decays::Decays;
 use super::noise::{Noise, sizes};
 use super::plant::{Fit, OMEGA, SIGMA, waves_of};
@@ -13,7 +12,7 @@ use super::selection::Selected;
 use super::terms::{Line, Term};
 use crate::critique::chance::without_a_name;
 use crate::critique::finding::{Forecast, Mode, Structure};
-use crate::critique::tuned::{FORESEEN, MOSTLY};
+use crate::critique::tuned::{FORESEEN, MOST_MULTIPLE, MOSTLY};
 use crate::plot::digits::{measured, short};
 use inkling_core::model::inner_product::dot;
 use inkling_core::numbers::LITTLE;
@@ -26,9 +25,6 @@ use std::f64::consts::{PI, TAU};
 /// Cuts of the record's beginning, each by another one of so many parts of the record.
 const CUTS: usize = 6;
 const PARTS: usize = 30;
-
-/// Largest multiple of a frequency that is looked for.
-const MULTIPLES: i32 = 24;
 
 /// Share of the record that is not foreseen.
 const KNOWN: f64 = 0.6;
@@ -86,15 +82,15 @@ fn multiples(fit: &Fit) -> Option<String> {
     let surprise = |first: &&f64| {
         let nearest = |omega: &f64| {
             let off = |k: &i32| (seen(f64::from(*k) * **first) - seen(*omega)).abs();
-            let k = (0..=MULTIPLES).min_by(|p, q| off(p).total_cmp(&off(q))).unwrap_or(0);
+            let k = (0..=MOST_MULTIPLE).min_by(|p, q| off(p).total_cmp(&off(q))).unwrap_or(0);
             (k, off(&k))
         };
         let (times, off): (BTreeSet<i32>, Vec<f64>) = all.iter().map(nearest).unzip();
         let farthest = off.into_iter().fold(0.0, f64::max);
-        let share = 2.0 * farthest * (1.0 / **first).max(f64::from(MULTIPLES) / PI);
+        let share = 2.0 * farthest * (1.0 / **first).max(f64::from(MOST_MULTIPLE) / PI);
         if times.range(2..).count() < 3 { 0.0 } else { (1.0 - all.len() as f64) * share.ln() }
     };
-    let swings = all.iter().filter(|omega| **omega > lowest_line(fit.decays));
+    let swings = all.iter().filter(|omega| **omega > fit.decays.lowest_line());
     let first = swings.max_by(|p, q| surprise(p).total_cmp(&surprise(q)))?;
     let hertz = short(first / (TAU * fit.decays.dt_s));
     let is_sure = surprise(&first) > without_a_name(all.len() as f64);
@@ -147,7 +143,7 @@ fn powers(fit: &Fit) -> Vec<f64> {
     let columns = fit.columns();
     let ring = fit.moved().concat();
     let mut powers = vec![dot(&ring, &ring)];
-    let mut next = fit.offset();
+    let mut next = fit.at_rest.columns();
     for (term, at) in fit.placed() {
         let own = next..next + 2 * waves_of(term, at, &fit.p).len();
         next = own.end;

@@ -9,11 +9,8 @@
 use super::decays::Decays;
 use super::motion::Form;
 use crate::critique::catalogue::{CATALOGUE, CauseId, IN_DECAYS, RIVALS};
-use crate::critique::unmodelled::{lagging, past};
-
-/// Largest number of lines beside the ring.
-const MOST_LINES: usize = 11;
-pub const MOST_HARMONIC: u8 = 5;
+use crate::critique::tuned::{MOST_HARMONIC, MOST_LINES};
+use crate::critique::unmodelled::{lagging, past, sensed, within};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Line {
@@ -40,13 +37,10 @@ impl Line {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Term {
-    Offset,
     Stiffness(Form),
     Drag,
     Friction,
     Line(Line),
-    /// A slow exponential beside the ring, or nearly a straight line: a zero that drifts, or settles.
-    Drift,
     /// A rival without a name.
     Unnamed(CauseId),
 }
@@ -58,7 +52,6 @@ impl Term {
 
     pub fn id(self) -> CauseId {
         match self {
-            Term::Offset => CauseId::Offset,
             Term::Stiffness(_) => CauseId::CubicStiffness,
             Term::Drag => CauseId::QuadraticDrag,
             Term::Friction => CauseId::DryFriction,
@@ -66,7 +59,6 @@ impl Term {
             Term::Line(Line::Tone) => CauseId::Tone,
             Term::Line(Line::SideBands) => CauseId::GainSways,
             Term::Line(Line::Harmonic(_)) => CauseId::OwnShape,
-            Term::Drift => CauseId::Drift,
             Term::Unnamed(rival) => rival,
         }
     }
@@ -85,11 +77,6 @@ impl Term {
         matches!(self, Term::Line(_))
     }
 
-    /// Whether neither the equation nor the list of modes holds it.
-    pub fn is_untold(self) -> bool {
-        !self.id().has_name() && self != Term::Drift
-    }
-
     pub fn places(self, decays: &Decays) -> f64 {
         match self {
             Term::Line(Line::Harmonic(_)) => f64::from(MOST_HARMONIC),
@@ -99,11 +86,11 @@ impl Term {
     }
 
     /// How many numbers it has, beside the amplitudes of its waves. A mode has sigma and omega, a tone omega,
-    /// side bands sigma and the distance to the ring's omega, a drift its rate. Any other term that is no line has its
-    /// strength, and some rivals a second number.
+    /// side bands sigma and the distance to the ring's omega. Any other term has its strength, and some rivals a second
+    /// number.
     pub fn numbers(self) -> usize {
         match self {
-            Term::Offset | Term::Line(Line::Harmonic(_)) => 0,
+            Term::Line(Line::Harmonic(_)) => 0,
             Term::Line(Line::Tone) => 1,
             Term::Line(Line::Mode | Line::SideBands) => 2,
             _ => self.id().row().seconds.len().min(2),
@@ -114,7 +101,7 @@ impl Term {
     pub fn step(self, number: usize, samples: usize) -> Option<f64> {
         let length = samples as f64;
         match (self.id(), number) {
-            _ if matches!(self, Term::Offset | Term::Drift | Term::Line(_)) => None,
+            _ if self.is_line() => None,
             (CauseId::LossFollowsTime | CauseId::FrequencyFollowsTime, 0) => {
                 Some(1e-3 / (length * length))
             }
@@ -131,7 +118,7 @@ impl Term {
             Term::Unnamed(rival) => {
                 SPRINGS.contains(&rival) || rival == CauseId::FrequencyFollowsTime
             }
-            Term::Offset | Term::Drift | Term::Line(_) => false,
+            Term::Line(_) => false,
         }
     }
 
@@ -192,7 +179,7 @@ impl Strengths {
         let [gap, _] = self.of(CauseId::SpringWithGap);
         let [stop, place] = self.of(CauseId::OneSidedSpring);
         let [even, _] = self.of(CauseId::EvenSpring);
-        even * x * x + stop * past(x, place) - x.max(-gap.abs()).min(gap.abs()) * gap.signum()
+        even * x * x + stop * past(x, place) - within(x, gap)
     }
 
     pub fn has(&self, some: &[CauseId]) -> bool {
@@ -214,36 +201,16 @@ impl Strengths {
     pub fn through_sensor(&self, path: &mut [[f64; 2]]) {
         let amplitudes = path.iter().map(|[x, u]| x.hypot(*u));
         let levels = lagging(amplitudes, self.of(CauseId::GainFollowsAmplitude)[1]);
-        path.iter_mut().zip(levels).for_each(|([x, _], level)| *x = self.sensed(*x, level));
-    }
-
-    /// What the sensor shows of x while the amplitude of the motion, with the gain's lag, is `amplitude`.
-    fn sensed(&self, x: f64, amplitude: f64) -> f64 {
-        let [deaf, _] = self.of(CauseId::DeafSensor);
-        let even = self.of(CauseId::EvenSensor)[0] * x * x;
-        let odd = self.of(CauseId::OddSensor)[0] * x * x * x;
-        let gain = 1.0 / (1.0 + self.of(CauseId::GainFollowsAmplitude)[0] * amplitude);
-        gain * x + even + odd - x.max(-deaf.abs()).min(deaf.abs()) * deaf.signum()
+        for ([x, _], level) in path.iter_mut().zip(levels) {
+            let added = SENSORS.map(|sensor| sensed(sensor, self.of(sensor)[0], *x, level));
+            *x += added.iter().sum::<f64>();
+        }
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn each_strength_is_its_own_and_changes_one_thing() {
-        for what in unnamed() {
-            let mut of = Strengths::default();
-            of.set(what, &[0.1]);
-            let changes = [of.has(&SPRINGS), of.has(&RATES), of.has(&SENSORS)];
-            assert_eq!(changes.iter().filter(|c| **c).count(), 1, "{what:?}");
-            assert_eq!(of.spring(0.5) != 0.0, of.has(&SPRINGS), "{what:?}");
-            let mut path = [[0.5, 0.2]];
-            of.through_sensor(&mut path);
-            assert_eq!(path[0][0] != 0.5, of.has(&SENSORS), "{what:?}");
-        }
-    }
 
     #[test]
     fn second_numbers_are_a_place_a_lag_and_a_rate() {

@@ -4,13 +4,12 @@
 //! the unit of the catalogue, and texts in seconds and in the unit of the recording, which says of it no
 //! more than that it has one: [`UNIT`].
 
-use super::children::{Added, amplitudes};
+use super::children::amplitudes;
 use super::motion::Form;
 use super::plant::{Fit, OMEGA, SIGMA, waves_of};
-use super::selection::Selected;
+use super::selection::{Selected, Tried};
 use super::terms::Term;
-use crate::critique::candidate::Chosen;
-use crate::critique::catalogue::InDecays;
+use crate::critique::catalogue::{CauseId, InDecays};
 use crate::critique::finding::{Cause, UNIT};
 use crate::critique::words::cause_sentence;
 use crate::plot::digits;
@@ -18,9 +17,8 @@ use nalgebra::{DMatrix, DVector};
 use std::f64::consts::TAU;
 use std::fmt::Write;
 
-/// Value of a cause in the catalogue's parameter, with its standard error by linear propagation.
-/// `index` counts causes and terms alike. An offset has been measured already.
-fn value(selected: &Selected, index: usize) -> (f64, f64) {
+/// Value of a cause in the catalogue's parameter, with its 95 % interval. `index` counts causes and terms alike.
+fn value(selected: &Selected, index: usize) -> (f64, [f64; 2]) {
     let dt = selected.fit.decays.dt_s;
     let (largest, smallest) = amplitudes(&selected.fit);
     let of = |fit: &Fit| -> f64 {
@@ -40,16 +38,19 @@ fn value(selected: &Selected, index: usize) -> (f64, f64) {
                 let waves = waves_of(term, at, &fit.p);
                 waves.first().map_or(f64::NAN, |w| w.omega) / (TAU * dt)
             }
-            Term::Offset | Term::Drift | Term::Unnamed(_) => f64::NAN,
+            Term::Unnamed(_) => f64::NAN,
         }
     };
 
     propagated((&selected.fit, &selected.covariance), of)
 }
 
-/// A number that follows from those of the fit, with its standard error by linear propagation: by central
+/// A number that follows from those of the fit, with its 95 % interval by linear propagation: by central
 /// differences of a hundredth of the numbers' errors, where the amplitudes are held.
-fn propagated((fit, covariance): (&Fit, &DMatrix<f64>), of: impl Fn(&Fit) -> f64) -> (f64, f64) {
+fn propagated(
+    (fit, covariance): (&Fit, &DMatrix<f64>),
+    of: impl Fn(&Fit) -> f64,
+) -> (f64, [f64; 2]) {
     let gradient = DVector::from_fn(fit.p.len(), |j, _| {
         let h = 0.01 * covariance[(j, j)].max(0.0).sqrt();
         let moved = |by: f64| {
@@ -60,69 +61,37 @@ fn propagated((fit, covariance): (&Fit, &DMatrix<f64>), of: impl Fn(&Fit) -> f64
         if h > 0.0 && h.is_finite() { (moved(h) - moved(-h)) / (2.0 * h) } else { 0.0 }
     });
     let variance = gradient.dot(&(covariance * &gradient));
-    (of(fit), variance.max(0.0).sqrt())
+    let (value, half) = (of(fit), 1.96 * variance.max(0.0).sqrt());
+    (value, [value - half, value + half])
 }
 
-/// The named causes, the strongest first, and remarks: on further lines of one kind, rivals in the
+/// The named causes, the strongest first, and remarks: on the form of the spring, the offsets, a drift, rivals in the
 /// model, and causes that are too weak to keep their name.
 pub fn causes(selected: &Selected) -> (Vec<Cause>, Vec<String>) {
-    let decays = selected.fit.decays;
-    let mut found: Vec<Cause> = Vec::new();
-    let mut remarks = Vec::new();
-    let mut order: Vec<(usize, &Chosen<Added>)> = selected.causes.iter().enumerate().collect();
-    order.sort_by(|(_, p), (_, q)| q.candidate.statistic.total_cmp(&p.candidate.statistic));
-    let named: Vec<usize> = selected.named().map(|(index, _)| index).collect();
-    for (index, chosen) in order {
-        let (id, term) = (chosen.candidate.id, chosen.candidate.form.term);
-        if term == Term::Offset && !chosen.candidate.accepted() {
-            continue; // every series has one; none that all share was found
-        }
-        // what has no name, or not enough to keep it, becomes a remark
-        if term == Term::Drift {
-            remarks.extend(drift(&selected.fit));
+    let ln_samples = selected.fit.decays.ln_samples();
+    let (mut found, mut remarks) = (Vec::new(), Vec::new());
+    for (index, chosen) in selected.causes.iter().enumerate() {
+        let candidate = &chosen.candidate;
+        if !selected.is_named(candidate) {
+            remarks.push(unnamed(candidate));
             continue;
         }
-        if !id.has_name() {
-            remarks.push(format!(
-                "the misfit is like {}, which the catalogue has no name for ({} DL)",
-                term.words(),
-                digits::significant(chosen.candidate.strength_dl(), 2)
-            ));
-            continue;
-        }
-        if !named.contains(&index) {
-            remarks.push(format!(
-                "{id} explains less than what has no name, or than one detection limit beside others: it is not named"
-            ));
-            continue;
-        }
-        let mut chosen = chosen.clone();
-        if term != Term::Offset {
-            (chosen.candidate.value, chosen.candidate.sd) = value(selected, index);
-        }
-        chosen.delta_bic = chosen.candidate.delta_bic(decays.ln_samples());
         let mut cause = chosen.cause();
-        cause.sentence = sentence(&cause);
-        if term == Term::Offset && decays.outputs > 1 {
-            let offsets = selected.fit.offsets(0);
-            let line = |(offset, channel): (f64, &u32)| {
-                format!("{} on channel {channel}", digits::short(offset))
-            };
-            let each: Vec<String> = offsets.into_iter().zip(&decays.channels).map(line).collect();
-            remarks.push(format!("offsets, {UNIT}: {}", each.join(", ")));
-        }
-        if let Term::Stiffness(form) = term {
-            let what = match form {
-                _ if !selected.form_is_known => {
-                    "x + k x^3 and a pendulum's sine fit the spring alike"
-                }
-                Form::Cubic => "x + k x^3 fits the spring better than a pendulum's sine",
-                Form::Sine => "a sine (a pendulum's torque) fits the spring better than x + k x^3",
-            };
-            remarks.push(what.into());
-        }
+        (cause.value, cause.ci95) = value(selected, index);
+        cause.delta_bic = candidate.delta_bic(ln_samples);
         found.push(cause);
+        remarks.extend(spring(selected, candidate.form.term));
     }
+    let offset = &selected.offset;
+    if selected.is_named(offset) {
+        found.push(offset.cause(offset.delta_bic(ln_samples)));
+        remarks.extend(offsets(&selected.fit));
+    } else if offset.accepted() {
+        remarks.push(too_weak(offset.id));
+    }
+    found.iter_mut().for_each(|cause| cause.sentence = sentence(cause));
+    found.sort_by(|p, q| q.strength_dl.total_cmp(&p.strength_dl));
+    remarks.extend(drift(&selected.fit));
     remarks.extend(selected.told.as_ref().map(|(told, _)| {
         format!(
             "modes and equation are those without what has no name: alone, they miss {} % of the movement",
@@ -130,6 +99,44 @@ pub fn causes(selected: &Selected) -> (Vec<Cause>, Vec<String>) {
         )
     }));
     (found, remarks)
+}
+
+/// The remark on what is in the model and has no name, or not enough to keep it.
+fn unnamed(candidate: &Tried) -> String {
+    match candidate.has_name() {
+        true => too_weak(candidate.id),
+        false => format!(
+            "the misfit is like {}, which the catalogue has no name for ({} DL)",
+            candidate.form.term.words(),
+            digits::significant(candidate.strength_dl(), 2)
+        ),
+    }
+}
+
+fn too_weak(id: CauseId) -> String {
+    format!(
+        "{id} explains less than what has no name, or than one detection limit beside others: it is not named"
+    )
+}
+
+/// The remark on the form of a spring, if the term is one.
+fn spring(selected: &Selected, term: Term) -> Option<String> {
+    let Term::Stiffness(form) = term else { return None };
+    let what = match form {
+        _ if !selected.form_is_known => "x + k x^3 and a pendulum's sine fit the spring alike",
+        Form::Cubic => "x + k x^3 fits the spring better than a pendulum's sine",
+        Form::Sine => "a sine (a pendulum's torque) fits the spring better than x + k x^3",
+    };
+    Some(what.into())
+}
+
+/// The remark on the offset of each of several outputs.
+fn offsets(fit: &Fit) -> Option<String> {
+    let line =
+        |(offset, channel): (f64, &u32)| format!("{} on channel {channel}", digits::short(offset));
+    let each: Vec<String> =
+        fit.offsets(0).into_iter().zip(&fit.decays.channels).map(line).collect();
+    (each.len() > 1).then(|| format!("offsets, {UNIT}: {}", each.join(", ")))
 }
 
 /// What is said of a zero that drifts, of the output in which it drifts farthest.
@@ -171,8 +178,7 @@ pub fn equation(selected: &Selected) -> String {
     let mut text = String::from("x'' = -2 s x' - w^2 ");
     let mut numbers: Vec<String> = Vec::new();
     let mut number = |name: &str, unit: &str, of: &dyn Fn(&Fit) -> f64| {
-        let (value, sd) = propagated((fit, covariance), of);
-        let interval = [value - 1.96 * sd, value + 1.96 * sd];
+        let (value, interval) = propagated((fit, covariance), of);
         numbers.push(format!("{name} = {}", digits::measured(value, interval, unit)));
     };
     number("s", "1/s", &|fit| fit.p[SIGMA] / dt);
@@ -216,13 +222,13 @@ pub fn equation(selected: &Selected) -> String {
     };
     let first = fit.offsets(0);
     of_outputs("b", UNIT, &first);
-    if let Some((rate, _)) = fit.drift() {
+    if let Some(at) = fit.drift() {
         text += if decays.outputs > 1 { " + v_j" } else { " + v" };
         text += " (1 - e^(-r t))/r";
-        let per_s = rate / dt / (-rate).exp_m1();
+        let per_s = fit.p[at] / dt / (-fit.p[at]).exp_m1();
         let slopes = first.iter().zip(fit.offsets(1)).map(|(b, next)| (b - next) * per_s);
         of_outputs("v", "units/s", &slopes.collect::<Vec<f64>>());
-        number("r", "1/s", &|fit| fit.drift().map_or(0.0, |(rate, _)| rate / dt));
+        number("r", "1/s", &|fit| fit.p[at] / dt);
     }
 
     // lines are numbered from 2 on, after the ring

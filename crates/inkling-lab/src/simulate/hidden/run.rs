@@ -12,11 +12,11 @@
 use super::effect::{Acts, Conditions, Effect, Samples, stiffen, thin};
 use super::plant::{Equation, State};
 use crate::score::truth::Circumstance;
-use crate::simulate::burst_shape::{Acquired, digitise};
 use crate::simulate::draws::{Purpose, about_one, part, stream};
 use crate::simulate::print_run::{RECORDED_TEMPERATURE_SD_K, draw_level, time_ns};
 use crate::simulate::scenario::{HiddenRun, Physics, PrintRun, Recorded, Spread};
 use crate::simulate::sensor::{Channel, NOMINAL_DRIVE_V, NOMINAL_TEMPERATURE_C};
+use crate::simulate::simulated::{burst_of, digitise};
 use inkling_core::burst::Burst;
 use inkling_core::model::{InkChannel, faults};
 use rand::RngExt;
@@ -333,7 +333,7 @@ impl Acquisitions {
 
     /// Simulates the acquisition of a printhead at burst `step`; the steps must be asked for in order, each
     /// once. `start_ns`: time of the first burst.
-    pub fn acquire(&mut self, head: usize, step: usize, start_ns: i64) -> Acquired {
+    pub fn acquire(&mut self, head: usize, step: usize, start_ns: i64) -> Burst {
         let conditions = self.conditions(head, step);
         let n = self.base.physics.acquisition.samples;
         let mut counts = Vec::with_capacity(conditions.len() * n);
@@ -345,7 +345,7 @@ impl Acquisitions {
         let run = &self.base.run;
         let recorded = |what: Recorded| self.base.hidden.recorded.contains(&what);
         let all = |what: Recorded| conditions.iter().filter(move |_| recorded(what));
-        let burst = Burst {
+        let beside = Burst {
             t_acq_ns: time_ns(run, start_ns, step),
             printhead: run.name(head).into(),
             sample_period_s: self.base.dt_s(),
@@ -359,6 +359,6 @@ impl Acquisitions {
             neighbours_fired: all(Recorded::Neighbours).map(|c| c.neighbours).collect(),
             ..Burst::default()
         };
-        (burst, counts)
+        burst_of(beside, &counts)
     }
 }

@@ -401,14 +401,6 @@ mod tests {
     }
 
     #[test]
-    fn faulty_signals_are_not_scaled_to() {
-        let bases = (0..100).map(|seed| base(HIDDEN, &[Circumstance::FaultyChannels], seed));
-        let is_faulty = |base: &Base| base.heads.iter().flatten().any(|made| made.faulty);
-        let faulty = bases.into_iter().find(is_faulty).unwrap();
-        assert_eq!(Yardstick::new(&faulty).unwrap().share, 1.0);
-    }
-
-    #[test]
     fn the_coarsest_step_has_its_own_strength() {
         let coarse = yardstick(HIDDEN).size(&shaped("coarse_lsb"), 30.0);
         assert_eq!((coarse.size, coarse.strength_dl), (9.0, 8.0));

@@ -1,6 +1,6 @@
 //! Reads a scenario. In: the text of a TOML file. Out: a checked [`Scenario`], or a [`ScenarioError`] that
-//! names the key. The steps: read version and kind; deserialise the rest (which refuses unknown keys); make
-//! the channel's rates of its geometry, if that is given instead; check all values (`checks.rs`).
+//! names the key. The steps: read version and kind; deserialise the rest (which refuses unknown keys); check all
+//! values (`checks.rs`).
 
 use super::{Classes, Kind, Physics, SCHEMA, Scenario, ScenarioError, checks};
 use serde::Deserialize;
@@ -22,16 +22,7 @@ impl Scenario {
         }
         let scenario = match head.kind.as_deref().unwrap_or("physics") {
             "physics" => {
-                let mut physics: Physics = toml::from_str(text)?;
-                // the channel's rates, from exactly one of the two ways to give them
-                physics.channel = match (physics.rates, physics.geometry) {
-                    (Some(rates), None) => rates,
-                    (None, Some(geometry)) => geometry.ink_channel(),
-                    _ => {
-                        let why = "give either [channel] or [geometry], one of them";
-                        return Err(ScenarioError::value("channel", why));
-                    }
-                };
+                let physics: Physics = toml::from_str(text)?;
                 Scenario {
                     seed: physics.seed,
                     recording: physics.recording.clone(),
