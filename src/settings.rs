@@ -132,8 +132,7 @@ pub struct IdentifySettings {
     pub window_signals: usize,
     /// How a model is fitted to an average signal, thesis §3-1.
     pub grey_box: GreyBoxSettings,
-    /// Dimensions and ink, if they are known: they give the guess of `grey_box`, and let `identify` state
-    /// individual inertances, resistances and the compliance.
+    /// Dimensions and ink, if they are known: they give the guess of `grey_box`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub geometry: Option<Geometry>,
 }

@@ -247,29 +247,6 @@ fn every_dependency_has_its_reason() {
     assert_eq!(in_table_below(&page, "Tests and benchmarks"), for_tests);
 }
 
-#[test]
-fn files_of_another_version_are_refused_or_judged_again() {
-    let house = House::new();
-    let mut design = shipped_json("sample_logs/design.json");
-    design["version"] = 3.into();
-    house.write("d.json", design.to_string());
-    house
-        .run("replay sample_logs/print_run.mcap --design d.json --out out")
-        .exits(2)
-        .says("design version 3, made by an unreleased version: train again");
-    house.write("s.json", r#"{"version":3,"design":null,"printheads":{}}"#);
-    house
-        .replay("sample_logs/print_run.mcap --baseline s.json")
-        .exits(2)
-        .says("state version 3, made by an unreleased version");
-    house.replay("sample_logs/print_run.mcap").exits(0);
-    let dry = "sample_logs/print_run.mcap --dry-run";
-    house.replay(dry).says("would judge 0, skip 1");
-    let journal = String::from_utf8(house.read("out/journal.jsonl")).unwrap();
-    house.write("out/journal.jsonl", journal.replace("{\"version\":2,", "{\"version\":1,"));
-    house.replay(dry).says("the journal does not know of its verdicts");
-}
-
 /// What is written now says that it is of the program that the manifest names.
 #[test]
 fn one_version_stands_everywhere() {

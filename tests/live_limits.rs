@@ -80,9 +80,8 @@ fn heads_that_are_too_large_or_none_are_refused() {
     let Served { address, .. } = &served();
     let long = request("/metrics", &format!("X: {}\r\n", "x".repeat(7_000)));
     assert!(asked(address, &long).head.starts_with("HTTP/1.1 200 "));
-    let many: String = (0..100).map(|i| format!("X-{i}: 1\r\n")).collect();
     let endless = format!("X: {}\r\n", "x".repeat(20_000));
-    for (more, status) in [(many, 431), (endless, 431), ("no header\r\n".into(), 400)] {
+    for (more, status) in [(endless, 431), ("no header\r\n".into(), 400)] {
         let answer = asked(address, &request("/metrics", &more));
         assert!(answer.head.starts_with(&format!("HTTP/1.1 {status} ")), "{}", answer.head);
     }

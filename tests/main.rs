@@ -8,7 +8,6 @@ mod recorded; // bursts, recordings and tables: read, written, changed
 
 mod clocks; // a clock that was wrong changes nothing that is told of faults
 mod contracts; // pipeline.toml = defaults, schemas = code, sample_logs regenerate and retrain
-mod convert; // tables as people and instruments write them: read, or refused with what to do
 mod dialects; // recordings of others: any encoding, tables; paths that lead nowhere; hostile schemas
 mod failing_calls; // every call of the system fails in turn: the next run makes what an undisturbed one makes
 mod floors; // imports go down only
@@ -23,7 +22,6 @@ mod mistakes; // what a user mistypes is answered in a sentence
 mod mutations; // ten thousand changed files: a message or a result, no panic, bounded memory
 mod numbers; // tables of hostile numbers through the critique: an answer or a refusal, no panic
 mod own_classes; // own names for what the physics knows keep sizes
-mod pipeline; // messages that are repeated
 mod print_run; // recall and false alarms on a print run with known truth
 mod prometheus; // metrics as Prometheus reads them, and the rules for them
 mod promised; // what a design promises is what a replay does

@@ -33,6 +33,7 @@ const MISTAKES: &[(&str, i32, &str)] = &[
     ("score {O} --labels {L} --report e.html", 2, "`score --json`"),
     ("report {O} -o r.html --set report.rows=2", 2, "the map shows neighbours"),
     ("identify {T} -o m.json --plot p", 2, "`inkling critique`"),
+    ("replay {R} --timings", 2, "`timings` and `phases` of the recording's summary.json"),
     ("replay {R} --layout flat", 2, "lays the recordings of one directory side by side"),
     ("replay {R} --set identify.spans=[]", 2, "label that time healthy"),
     // what is not given
@@ -85,11 +86,7 @@ const MISTAKES: &[(&str, i32, &str)] = &[
     ("replay {R} --design {D} --set isolate.unlabelled_classes=false", 2, "by this design"),
     ("replay {R} --design {D} --set isolate.neighbours=3", 2, "isolate.method = \"posterior\""),
     ("replay {R} --design {D} --set isolate.signal=deviation", 2, "isolate.method = \"posterior\""),
-    (
-        "replay {R} --design {D} --set isolate.method=neighbours",
-        2,
-        "train with --set isolate.method",
-    ),
+    ("replay {R} --design {D} --set isolate.method=neighbours", 2, "train with --set isolate"),
     ("replay {R} --design {D} --set detect.false_alarm_rate=1e-3", 2, "train again"),
     ("replay {R} --design {D} --set detect={false_alarm_rate=1e-3}", 2, "train again"),
     ("replay {R} --design {D} --set isolate.classes={Eigene=[\"EC\"]}", 2, "trained without it"),
@@ -103,9 +100,9 @@ const MISTAKES: &[(&str, i32, &str)] = &[
     ("train {T} --labels {L} -o d.json --set identify.first=5", 2, "`inkling train`"),
     ("train {T} --labels {L} -o d.json --set output.dir=x", 2, "`inkling train`"),
     (
-        "identify {T} --labels {L} -o d.json --set detect.oscillations=7",
+        "identify {T} -o d.json --set detect.oscillations=7",
         2,
-        "has no effect here, on `inkling identify`",
+        "no effect here, on `inkling identify`",
     ),
     // and those that can
     ("replay {R} --design {D} --out o --dry-run --set isolate.certainty=.9", 0, ""),
@@ -136,11 +133,7 @@ const MISTAKES: &[(&str, i32, &str)] = &[
     ("replay {D}", 1, "not an MCAP file"),
     ("replay {R} --design {D} --baseline {L}", 2, "`inkling replay --baseline` makes them"),
     ("replay {R} --design {D} --out {R}", 2, "is a file, and results go into a directory"),
-    (
-        "report {R} -o r.html",
-        2,
-        "no table of verdicts, but a recording that inkling made: `inkling replay` judges it",
-    ),
+    ("report {R} -o r.html", 2, "but a recording that inkling made: `inkling replay` judges it"),
     ("report . -o r.html", 1, "*.verdicts.parquet"),
     ("report . -o .", 2, "give a name.html"),
     ("report {E} -o r.html", 2, "a report reads *.verdicts.parquet"),
@@ -159,11 +152,7 @@ const MISTAKES: &[(&str, i32, &str)] = &[
     ("score --design {L}", 2, "not a design"),
     ("convert missing.csv -o d.mcap", 2, "missing.csv"),
     ("convert {L} -o d.mcap", 1, "looks like the numbers of channels"),
-    (
-        "convert {R} -o d.mcap",
-        2,
-        "no table, but a recording that inkling made: `inkling replay` judges it",
-    ),
+    ("convert {R} -o d.mcap", 2, "no table, but a recording that inkling made: `inkling replay`"),
     ("inspect {D}", 1, "not an MCAP file"),
     ("inspect missing.mcap", 2, "missing.mcap"),
     ("simulate {R} -o s", 2, "is not UTF-8 text"),

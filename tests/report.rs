@@ -1,51 +1,20 @@
 //! `inkling report` over fifteen days of a simulated print run: six faulty channels are six lines with their onsets.
 
 use crate::by_hand::START_S;
-use crate::house::{House, root, shipped};
+use crate::house::{House, shipped};
 use crate::recipes::is_inert;
-use crate::recorded::{batches, bursts, cells, texts};
+use crate::recorded::bursts;
 use crate::several::fault;
-use arrow_array::RecordBatch;
-use arrow_array::types::{Float32Type, TimestampNanosecondType, UInt32Type};
 use inkling::burst::Burst;
+use serde_json::Value;
 
 const HOUR_S: i64 = 3600;
 const DAY_S: i64 = 24 * HOUR_S;
 
-/// A row of `report.faults.parquet`.
-#[derive(Clone, Debug)]
-struct Row {
-    printhead: String,
-    channel: u32,
-    category: Option<String>,
-    /// s since the start of the scenario.
-    began_s: i64,
-    is_on: bool,
-    recordings: u32,
-    episodes: u32,
-    urgency: f32,
-    action: String,
-    sentence: String,
-}
-
-fn rows(batch: &RecordBatch) -> Vec<Row> {
-    let text = |name: &str| texts(batch, name);
-    let time = |name: &str| cells::<TimestampNanosecondType>(batch, name);
-    let count = |name: &str| cells::<UInt32Type>(batch, name);
-    (0..batch.num_rows())
-        .map(|i| Row {
-            printhead: text("printhead")[i].clone().unwrap(),
-            channel: count("channel")[i].unwrap(),
-            category: text("category")[i].clone(),
-            began_s: time("began_at")[i].unwrap() / 1_000_000_000 - START_S,
-            is_on: time("ended_at")[i].is_none(),
-            recordings: count("recordings")[i].unwrap(),
-            episodes: count("episodes")[i].unwrap(),
-            urgency: cells::<Float32Type>(batch, "urgency")[i].unwrap(),
-            action: text("action")[i].clone().unwrap(),
-            sentence: text("sentence")[i].clone().unwrap(),
-        })
-        .collect()
+/// When a fault began, s since the start of the scenario.
+fn began_s(fault: &Value) -> i64 {
+    let began = fault["began_at"].as_str().expect("a time");
+    chrono::DateTime::parse_from_rfc3339(began).expect("a time").timestamp() - START_S
 }
 
 /// Between two bursts of a channel, s.
@@ -111,42 +80,6 @@ fn first_seen(from_s: i64) -> i64 {
 }
 
 #[test]
-fn counts_of_other_verdicts_or_damaged_ones_are_made_anew() {
-    let house = House::new();
-    let all = bursts(&root().join("sample_logs/print_run.mcap"));
-    house.record("rec/a.mcap", &all);
-    house.record("rec/b.mcap", &all[..all.len() / 2]);
-    house.ok("replay rec --design sample_logs/design.json --out out");
-    let told = || house.json("report out --json");
-    let (whole, counts) = (told(), house.read("out/.a.counts"));
-    let mut damaged = counts.clone();
-    let last = damaged.len() - 9;
-    damaged[last] ^= 1;
-    house.write("out/.a.counts", &damaged);
-    assert_eq!(told(), whole);
-    house.write("out/.a.counts", &counts);
-    assert_eq!(told(), whole);
-    // the table of another recording in the place of this one's
-    house.write("out/a.verdicts.parquet", house.read("out/b.verdicts.parquet"));
-    let other = told();
-    assert_ne!(other, whole);
-    house.remove("out/.a.counts");
-    assert_eq!(told(), other);
-}
-
-#[test]
-fn of_tables_of_a_recording_by_other_settings_the_newer_one_counts() {
-    let house = House::new();
-    house.copy("print_run.mcap", "rec/a.mcap");
-    house.ok("replay rec --design sample_logs/design.json --out out");
-    house.copy("print_run.mcap", "rec/moved/a.mcap");
-    house.remove("rec/a.mcap");
-    house.ok("replay rec --design sample_logs/design.json --out out --set isolate.certainty=0.99");
-    let notes = house.json("report out --json")["notes"].to_string();
-    assert!(notes.contains("out/a.verdicts.parquet: verdicts of a recording"), "{notes}");
-}
-
-#[test]
 fn sixty_recordings_with_six_faulty_channels_are_six_lines_with_their_onsets() {
     let house = House::new();
     record(&house);
@@ -157,40 +90,45 @@ fn sixty_recordings_with_six_faulty_channels_are_six_lines_with_their_onsets() {
 
     let told = house.ok("report out -o page/report.html");
     assert!(told.contains("6 channels"), "{told}");
-    let found = batches(&house.path("page/report.faults.parquet"));
-    let found: Vec<Row> = found.iter().flat_map(rows).collect();
-    let mut channels: Vec<(&str, u32)> =
-        found.iter().map(|row| (row.printhead.as_str(), row.channel)).collect();
+    let told = house.json("report out --json");
+    let found = told["faults"].as_array().expect("faults");
+    let key = |fault: &Value| {
+        let head = fault["printhead"].as_str().expect("a printhead").to_owned();
+        (head, fault["channel"].as_u64().expect("a channel") as u32)
+    };
+    let mut channels: Vec<(String, u32)> = found.iter().map(key).collect();
     channels.sort_unstable();
-    let mut truth: Vec<(&str, u32)> = FAULTS.iter().map(|f| (f.0, f.1)).collect();
-    truth.push((EVERY_NIGHT.0, EVERY_NIGHT.1));
+    let mut truth: Vec<(String, u32)> = FAULTS.iter().map(|f| (f.0.to_owned(), f.1)).collect();
+    truth.push((EVERY_NIGHT.0.to_owned(), EVERY_NIGHT.1));
     truth.sort_unstable();
     assert_eq!(channels, truth, "{found:#?}");
 
-    let row = |head: &str, channel: u32| {
-        found.iter().find(|row| row.printhead == head && row.channel == channel).unwrap()
+    let of = |head: &str, channel: u32| {
+        found.iter().find(|fault| key(fault) == (head.to_owned(), channel)).unwrap()
     };
     // faults grow over five bursts, and the onset is an estimate
     let tolerance_s = 5 * EVERY_S;
     for (head, channel, class, _, from) in FAULTS {
-        let row = row(head, channel);
+        let fault = of(head, channel);
         let since = first_seen((from * DAY_S as f64) as i64);
-        assert!((row.began_s - since).abs() <= tolerance_s, "{class} since {since} s: {row:?}");
-        assert!(row.is_on && row.recordings >= 4 && row.urgency > 0.0, "{row:?}");
-        assert_eq!(row.category.as_deref(), Some(inkling::fault::category(class)), "{row:?}");
+        assert!((began_s(fault) - since).abs() <= tolerance_s, "{class} since {since} s: {fault}");
+        assert!(fault["ended_at"].is_null() && fault["urgency"].as_f64() > Some(0.0), "{fault}");
+        assert!(fault["recordings"].as_u64() >= Some(4), "{fault}");
+        assert_eq!(fault["category"], inkling::fault::category(class), "{fault}");
     }
-    let night = row(EVERY_NIGHT.0, EVERY_NIGHT.1);
+    let night = of(EVERY_NIGHT.0, EVERY_NIGHT.1);
     let since = first_seen((0.74 * DAY_S as f64) as i64);
-    assert!((night.began_s - since).abs() <= tolerance_s, "since {since} s: {night:?}");
-    assert!(night.sentence.contains("times"), "cures are told: {night:?}");
-    assert!(night.episodes >= 15, "{night:?}");
-    assert!(found.is_sorted_by(|a, b| a.urgency >= b.urgency), "most urgent first");
+    assert!((began_s(night) - since).abs() <= tolerance_s, "since {since} s: {night}");
+    let is_told = night["sentence"].as_str().is_some_and(|of| of.contains("times"));
+    assert!(is_told && night["episodes"].as_u64() >= Some(15), "cures are told: {night}");
+    let urgency = |fault: &Value| fault["urgency"].as_f64();
+    assert!(found.is_sorted_by(|a, b| urgency(a) >= urgency(b)), "most urgent first");
 
-    // the page says what the table says
     let page = house.text("page/report.html");
     assert!(page.len() < 5_000_000, "{} bytes", page.len());
-    for row in &found {
-        assert!(page.contains(&format!("<b>{}</b>", row.action)), "{row:?}");
+    for fault in found {
+        let action = fault["action"].as_str().expect("an action");
+        assert!(page.contains(&format!("<b>{action}</b>")), "{fault}");
     }
     assert_eq!(page.matches("data:image/png;base64,").count(), 2, "a map a printhead");
     is_inert(&page);

@@ -67,52 +67,6 @@ fn chapter_4_runs_on_labelled_recordings() {
     house.run(one).exits(1).says("BN is on one channel alone").says("two fault classes");
 }
 
-/// Before any fault is labelled: how small a fault is found, and what is mistaken for what.
-#[test]
-fn what_a_design_can_see_is_told() {
-    let house = House::new();
-    let of = |line: &str| {
-        let [head, channel, from, to, state, _] = line.split(',').collect::<Vec<_>>()[..] else {
-            unreachable!()
-        };
-        let state = if ["state", "healthy"].contains(&state) { state } else { "ignore" };
-        let severity = if state == "state" { "severity" } else { "" };
-        format!("{head},{channel},{from},{to},{state},{severity}\n")
-    };
-    let labels = shipped("sample_logs/labels.csv").lines().map(of).collect::<String>();
-    house.write("healthy.csv", labels);
-    let train = "train sample_logs/train.mcap --labels healthy.csv -o d.json";
-    house.ok(train);
-    house
-        .run("score --design d.json")
-        .exits(0)
-        .says("90 % found from")
-        .says("between what they do");
-    let promise = || house.json("score --design d.json --json")["promise"].take();
-    let of_default = promise();
-    let smallest = |of: &serde_json::Value, class: &str| {
-        let classes = of["classes"].as_array().unwrap();
-        let of = classes.iter().find(|of| of["class"] == class).unwrap();
-        of["smallest"].as_f64().unwrap_or(f64::INFINITY)
-    };
-    // a nozzle's viscosity by some tens of per cent; a bubble of some hundredths of its length
-    let dried = smallest(&of_default, "SDN");
-    assert!((1.05..1.5).contains(&dried), "{dried}");
-    assert!((0.01..0.2).contains(&smallest(&of_default, "AB1")));
-    let pairs = of_default["pairs"].as_array().unwrap();
-    let angle = |a: &str, b: &str| {
-        let is = |pair: &&serde_json::Value| pair["classes"] == serde_json::json!([a, b]);
-        pairs.iter().find(is).unwrap()["angle_degrees"].as_f64().unwrap()
-    };
-    assert_eq!(pairs.len(), 36);
-    // classes of one kind do the same, up to its size; a blocked nozzle is like no dried one
-    assert!(angle("SDN", "IDN") < 1.0, "{}", angle("SDN", "IDN"));
-    assert!(angle("AB3", "SDN") > 20.0, "{}", angle("AB3", "SDN"));
-    // a threshold that lets fewer healthy signals pass finds larger faults
-    house.ok(&format!("{train} --set detect.false_alarm_rate=1e-6"));
-    assert!(smallest(&promise(), "SDN") > dried);
-}
-
 #[test]
 fn every_method_can_be_chosen_in_settings() {
     let house = House::new();
@@ -141,50 +95,4 @@ fn every_method_can_be_chosen_in_settings() {
     assert!(!plain.stderr().contains("hardly detectable"));
     let far = format!("{train} --preset thesis --set detect.mu=20");
     house.run(&far).exits(0).says("class SDN: hardly detectable");
-}
-
-/// Averaging, detection and isolation are the design's, and `replay` takes them over unless `--set` says otherwise.
-#[test]
-fn a_design_keeps_how_it_was_trained() {
-    let house = House::new();
-    house.ok("simulate sample_logs/scenarios/thesis.toml -o . --seed 7");
-    let how = "--preset thesis --set isolate.signal=deviation";
-    house.ok(&format!("train train.mcap --labels labels.csv -o d.json {how}"));
-    let chosen = &house.read_json("d.json")["chosen"];
-    assert_eq!(chosen["isolate.method"], "residual-matching");
-    assert_eq!(
-        (&chosen["isolate.gate"], &chosen["identify.grey_box.plain_mean"]),
-        (&false.into(), &true.into())
-    );
-    house.ok("replay test.mcap --design d.json --out kept");
-    house.ok(&format!("replay test.mcap --design d.json --out told {how}"));
-    let verdicts = |out: &str| house.read(&format!("{out}/test.verdicts.parquet"));
-    assert!(verdicts("kept") == verdicts("told"), "the same bytes without a word");
-    let settings =
-        |out: &str| house.read_json(&format!("{out}/test.summary.json"))["settings"].clone();
-    assert_eq!(settings("kept")["isolate"]["signal"], "deviation");
-    house.ok("replay test.mcap --design d.json --out other --set isolate.gate=true");
-    assert_eq!(settings("other")["isolate"]["gate"], true, "--set wins");
-    assert_eq!(settings("other")["isolate"]["method"], "residual-matching");
-    // a design by the defaults keeps nothing, and the settings apply
-    house.ok("train train.mcap --labels labels.csv -o plain.json");
-    assert!(house.read_json("plain.json")["chosen"].is_null());
-}
-
-#[test]
-fn the_largest_energy_of_windows_that_nobody_labelled_is_no_threshold() {
-    let house = House::new();
-    let (run, labels) = ("sample_logs/print_run.mcap", "sample_logs/labels.csv");
-    let ended = house.run(&format!("replay {run} --preset thesis --out a")).exits(2);
-    ended.says("detect.threshold = \"max\"").says("identify.labels");
-    assert!(!house.path("a").exists(), "nothing is judged by a faulty channel");
-    house.run(&format!("replay {run} --set detect.threshold=max --out a")).exits(2);
-    house.ok(&format!("replay {run} --preset thesis --set identify.labels={labels} --out a"));
-    house.ok(&format!("replay {run} --preset thesis --set detect.threshold=quantile --out b"));
-    house.ok(
-        "train sample_logs/train.mcap --labels sample_logs/labels.csv -o d.json --preset thesis",
-    );
-    house.ok(&format!("replay {run} --design d.json --out c"));
-    let by_windows = format!("replay {run} --design d.json --identify windows --out d");
-    house.run(&by_windows).exits(2).says("--identify design");
 }

@@ -314,7 +314,7 @@ mod tests {
             counts: json!({"signals": 3}),
             ..Entry::new(source, job().means, Outcome::Judged)
         };
-        Judged { entry, report: "x".into(), timings: Vec::new(), baselines: None }
+        Judged { entry, report: "x".into(), baselines: None }
     }
 
     fn placed() -> Job {

@@ -338,25 +338,4 @@ mod tests {
         std::fs::write(&path, header.repeat(1 << 19)).unwrap();
         assert!(read(dir.path()).mistakes[0].contains("cannot be read"));
     }
-
-    #[test]
-    fn a_line_that_is_written_is_read_again() {
-        let dir = tempfile::tempdir().unwrap();
-        let path = dir.path().join(ACKNOWLEDGED_NAME);
-        let damage = ["damage", "b, c.mcap", "", "", "", "", "it is\n\"so\""].map(str::to_owned);
-        let known = ["known", "", "p", "7", "", "", ""].map(str::to_owned);
-        for by_hand in ["", "note;what;recording\nby hand;damage;a.mcap"] {
-            std::fs::write(&path, by_hand).unwrap();
-            append(&path, &damage).unwrap();
-            assert_eq!(read(dir.path()).knows_recording("b, c.mcap"), Some("it is \"so\""));
-            assert_eq!(append(&path, &known).is_ok(), by_hand.is_empty(), "a column is missing");
-            assert!(read(dir.path()).mistakes.is_empty());
-        }
-        let utf_16 = "\u{feff}what,recording\ndamage,a.mcap\n".encode_utf16();
-        std::fs::write(&path, utf_16.flat_map(u16::to_le_bytes).collect::<Vec<u8>>()).unwrap();
-        let before = std::fs::read(&path).unwrap();
-        assert!(append(&path, &damage).is_err());
-        assert_eq!(std::fs::read(&path).unwrap(), before);
-        assert_eq!(read(dir.path()).knows_recording("a.mcap"), Some(""));
-    }
 }

@@ -59,8 +59,8 @@ pub fn annotate(verdicts: &Path) -> Result<(), NotAnnotated> {
     }
 
     // one pass over the verdicts gives the messages, and the counts, from which the maps are drawn
-    let mut counts = RecordingCounts::new(&episodes, true);
-    let mut survey = Survey::new(vec![episodes], true);
+    let mut counts = RecordingCounts::new(&episodes);
+    let mut survey = Survey::new(&[episodes]);
     let mut reader = VerdictReader::open(verdicts).map_err(|e| e.to_string())?;
     while let Some(columns) = reader.next() {
         let columns = columns.map_err(|e| e.to_string())?;

@@ -13,6 +13,7 @@ use super::exit::Failure;
 use super::lost;
 use super::progress::{counted, first_few, thousands};
 use super::report::printable;
+use super::report_page::as_json;
 use crate::pipeline::rfc3339;
 use crate::report::{Changes, Fault, HeadChange, Note, Report, Story, alike, channels, clock};
 use inkling_io::file_error::FileError;
@@ -28,6 +29,7 @@ use std::sync::Arc;
 
 /// Most lines of the text under each heading (`new`, `came back` and so on); JSON holds all.
 const MOST_LISTED: usize = 20;
+const MOST_OF_A_LINE: usize = 600;
 
 /// An earlier run, as its `run.json` describes it.
 #[derive(Debug, Deserialize)]
@@ -173,31 +175,74 @@ pub struct ChangesSince<'a> {
     again: usize,
     /// Number of faults that are on and that somebody has acknowledged.
     known: usize,
-    /// What happened to whole printheads in the recordings since then.
-    heads: Vec<&'a HeadChange>,
-    /// Of printheads with so many new faults that the nozzles are hardly their cause.
-    notes: Vec<&'a str>,
-    /// Printheads, recordings and parts of recordings that were not judged since then, and why.
-    unjudged: Vec<Unjudged>,
-    /// Recordings whose results came since and that are damaged, and how.
-    damaged: Vec<Unjudged>,
-    /// Faults that were told and that the results do not show any more.
-    gone: Vec<&'a ToldFault>,
-    /// Pairs of recordings, one of them since then, that hold the same channels at the same times.
-    overlapping: Vec<&'a [String; 2]>,
+    /// What is listed, in the order in which it is told.
+    sections: Vec<Section>,
+    /// Whether nothing happened to a printhead as a whole.
+    are_heads_as_before: bool,
 }
 
-/// Something that was not judged since the earlier run, or not whole.
+/// What is told under one heading.
+struct Section {
+    /// Its key in JSON, and its words in text.
+    key: &'static str,
+    heading: &'static str,
+    /// Number of what is told; a line may tell of several, or several of one.
+    count: usize,
+    lines: Vec<String>,
+    document: Value,
+}
+
+impl Section {
+    /// A line of each item.
+    fn of<T>(
+        [key, heading]: [&'static str; 2],
+        items: Vec<T>,
+        line: impl Fn(&T) -> String,
+        document: impl Fn(&T) -> Value,
+    ) -> Section {
+        let lines: Vec<String> = items.iter().map(line).collect();
+        let document = items.iter().map(document).collect();
+        Section { key, heading, count: lines.len(), lines, document }
+    }
+
+    /// Changed faults of one kind; those of which the same is said are one line.
+    fn of_faults(key: &'static str, heading: &'static str, faults: &[&Fault]) -> Section {
+        let line = |fault: &&Fault| {
+            let channel = fault.story.channel;
+            let head = printable(&fault.story.printhead);
+            // the sentence begins with the channel, which this line has named already
+            let sentence = fault.sentence.replacen(&format!("channel {channel}: "), "", 1);
+            (channel, (head, printable::line(&sentence, MOST_OF_A_LINE)))
+        };
+        let lines = alike(faults.iter().map(line)).into_iter();
+        let lines = lines.map(|(of, (head, said))| format!("{head} {}: {said}", channels(&of)));
+        let document = faults.iter().map(|fault| as_json(fault)).collect();
+        Section { key, heading, count: faults.len(), lines: lines.collect(), document }
+    }
+
+    /// Its heading with how much there is, the first lines, and how many more. Without lines nothing is printed.
+    fn print(&self, out: &mut impl Write) -> std::io::Result<()> {
+        if self.count > 0 {
+            writeln!(out, "{}: {}", self.heading, thousands(self.count as u64))?;
+        }
+        let more = |more| format!("and {} more", thousands(more as u64));
+        first_few(self.lines.iter().cloned(), MOST_LISTED, more)
+            .try_for_each(|line| writeln!(out, "  {line}"))
+    }
+}
+
+/// Something that was not judged since the earlier run, or not whole: a printhead or a recording, and why.
 #[derive(Serialize)]
-struct Unjudged {
-    /// Name of a printhead or of a recording.
-    what: String,
-    why: String,
+struct Unjudged<'a> {
+    what: &'a str,
+    why: &'a str,
 }
 
-impl Unjudged {
-    fn new(what: &str, why: &str) -> Unjudged {
-        Unjudged { what: what.into(), why: why.into() }
+impl Unjudged<'_> {
+    fn line(&self) -> String {
+        let (what, why) =
+            (printable::line(self.what, 200), printable::line(self.why, MOST_OF_A_LINE));
+        format!("{what}: {why}")
     }
 }
 
@@ -216,53 +261,78 @@ impl<'a> ChangesSince<'a> {
         }
         let changes = Changes::since(lines, faults, has_results, |of| earlier.was_told(of));
 
-        // What was not judged since, in three parts. First printheads that were judged before and
-        // in no recording since; if there is no recording since, that says nothing, and none is
-        // told.
-        let silent = changes.silent.iter().filter(|_| changes.recordings > 0);
-        let silent = silent.map(|name| Unjudged::new(name, "not judged in any recording since"));
+        // 1. what happened to whole printheads, and where the nozzles are hardly the cause of so many new faults
+        let heads = report.head_changes.iter().filter(|of| !has_results(&of.recording));
+        let heads: Vec<&HeadChange> = heads.collect();
+        let line = |of: &&HeadChange| {
+            format!("{}: {}", printable(&of.printhead), printable::line(&of.what, MOST_OF_A_LINE))
+        };
+        let changed: BTreeSet<&str> = heads.iter().map(|of| &*of.printhead).collect();
+        let are_heads_as_before = heads.is_empty();
+        let of_heads = Section {
+            count: changed.len(),
+            ..Section::of(["heads", "printheads"], heads, line, |of| head_as_json(of))
+        };
+        let new = || changes.kinds.iter().filter(|of| of.0 == "new").flat_map(|of| &of.2);
+        let is_of_new = |note: &&Note| {
+            new().any(|fault| note.printhead.as_ref() == Some(&fault.story.printhead))
+        };
+        let notes: Vec<&Note> = report.notes.iter().filter(is_of_new).collect();
+        let line = |note: &&Note| printable::line(&note.what, MOST_OF_A_LINE);
+        let of_notes = Section::of(["notes", "notes"], notes, line, |note| json!(note.what));
+        let mut sections = vec![of_heads, of_notes];
 
+        // 2. the changed faults
+        let kinds = changes.kinds.iter();
+        sections.extend(kinds.map(|(key, words, of)| Section::of_faults(key, words, of)));
+
+        // 3. What was not judged: first printheads that were judged before and in no recording since; if there is no
+        // recording since, that says nothing, and none is told.
+        let silent = changes.silent.iter().filter(|_| changes.recordings > 0);
+        let silent = silent.map(|what| Unjudged { what, why: "not judged in any recording since" });
         // then gaps (printheads, channels or topics that could not be judged) in recordings whose
         // results came since
         let gaps = report.coverage.gaps.iter().filter(|gap| !has_results(&gap.recording));
-        let gaps = gaps.map(|gap| Unjudged::new(&gap.recording, &gap.what));
-
+        let gaps = gaps.map(|gap| Unjudged { what: &gap.recording, why: &gap.what });
         // last, recordings without verdicts, but for those of which the earlier run has told that
         // and those that are known
         let lost = report.coverage.lost.iter().filter(|lost| !lost.known);
         let lost =
             lost.filter(|lost| !earlier.reported_lost(&lost.name) && !has_results(&lost.name));
-        let lost = lost.map(|lost| Unjudged::new(&lost.name, &lost.why));
+        let lost = lost.map(|lost| Unjudged { what: &lost.name, why: &lost.why });
         let unjudged = silent.chain(gaps).chain(lost).collect();
-
         // and what of the recordings since is damaged
         let damaged = lines.iter().filter(|of| of.is_damaged && !of.is_known);
         let damaged = damaged.filter(|line| !has_results(&line.name));
-        let damaged = damaged.map(|line| Unjudged::new(&line.name, &line.flaws)).collect();
-        let heads = report.head_changes.iter().filter(|of| !has_results(&of.recording)).collect();
-        let new = || changes.kinds.iter().filter(|of| of.0 == "new").flat_map(|of| &of.2);
-        let is_of_new = |note: &&Note| {
-            new().any(|fault| note.printhead.as_ref() == Some(&fault.story.printhead))
-        };
-        let notes = report.notes.iter().filter(is_of_new).map(|note| &*note.what).collect();
-        let is_since = |of: &&[String; 2]| !of.iter().all(|name| has_results(name));
-        let overlapping = report.overlapping.iter().filter(is_since).collect();
+        let damaged = damaged.map(|line| Unjudged { what: &line.name, why: &line.flaws }).collect();
+        for (words, of) in [(["unjudged", "not judged"], unjudged), (["damaged"; 2], damaged)] {
+            sections.push(Section::of(words, of, Unjudged::line, |of| json!(of)));
+        }
+
+        // 4. faults that were told and that the results do not show any more, and recordings of the same times
         let is_gone = |told: &&ToldFault| !faults.iter().any(|fault| told.is(&fault.story));
         let gone = earlier.faults.iter().flatten().filter(is_gone).collect();
+        let line = |ToldFault { printhead, channel, from_ns, to_ns }: &&ToldFault| {
+            let (head, from, to) = (printable(printhead), clock(*from_ns), clock(*to_ns));
+            format!(
+                "{head} channel {channel}: its fault from {from} to {to} stands in no results any more"
+            )
+        };
+        sections
+            .push(Section::of(["no_longer_told", "no longer told"], gone, line, |of| json!(of)));
+        let is_since = |of: &&[String; 2]| !of.iter().all(|name| has_results(name));
+        let overlapping = report.overlapping.iter().filter(is_since).collect();
+        let line = |of: &&[String; 2]| {
+            let [a, b] = of.each_ref().map(|name| printable::line(name, 200));
+            format!(
+                "{a} and {b}: the same channels at the same times count twice, or a clock was wrong"
+            )
+        };
+        sections.push(Section::of(["overlapping"; 2], overlapping, line, |of| json!(of)));
+
         let known = report.open().filter(|fault| fault.story.known.is_some()).count();
         let again = lines.iter().filter(|line| earlier.is_again(&line.name)).count();
-        Ok(ChangesSince {
-            earlier,
-            changes,
-            again,
-            known,
-            heads,
-            notes,
-            unjudged,
-            damaged,
-            gone,
-            overlapping,
-        })
+        Ok(ChangesSince { earlier, changes, again, known, sections, are_heads_as_before })
     }
 
     /// The changes as JSON. `still` is the number of faults that are on as before, `may_return` of those that are over
@@ -278,20 +348,15 @@ impl<'a> ChangesSince<'a> {
             "still": still,
             "may_return": may_return,
             "known": self.known,
-            "unjudged": self.unjudged,
-            "heads": self.heads.iter().map(|of| head_as_json(of)).collect::<Value>(),
-            "damaged": self.damaged,
-            "no_longer_told": self.gone,
-            "overlapping": self.overlapping,
         });
-        for (key, _, faults) in &self.changes.kinds {
-            document[key] = faults.iter().map(|fault| as_json(fault)).collect();
+        for section in &self.sections {
+            document[section.key] = section.document.clone();
         }
         document
     }
 
     pub fn print(&self, out: &mut impl Write) -> std::io::Result<()> {
-        let Changes { from_ns, to_ns, recordings, still, may_return, .. } = &self.changes;
+        let Changes { from_ns, to_ns, recordings, still, may_return, kinds, .. } = &self.changes;
         let then = self.earlier.called;
         if *recordings > 0 {
             let (from, to) = (clock(*from_ns), clock(*to_ns));
@@ -304,85 +369,22 @@ impl<'a> ChangesSince<'a> {
             let count = counted(self.again as u64, "earlier recording");
             writeln!(out, "{count} judged again: names and sizes may be others than {then} told")?;
         }
-        let line = |of: &&HeadChange| {
-            format!("{}: {}", printable(&of.printhead), printable::line(&of.what, 600))
-        };
-        let heads: BTreeSet<&str> = self.heads.iter().map(|of| &*of.printhead).collect();
-        list_of(out, "printheads", heads.len(), self.heads.iter().map(line))?;
-        list(out, "notes", self.notes.iter().map(|note| printable::line(note, 600)))?;
-        for (_, kind, faults) in &self.changes.kinds {
-            let line = |fault: &&Fault| {
-                let channel = fault.story.channel;
-                let head = printable(&fault.story.printhead);
-                // the sentence begins with the channel, which this line has named already
-                let sentence = fault.sentence.replacen(&format!("channel {channel}: "), "", 1);
-                (channel, (head, printable::line(&sentence, 600)))
-            };
-            let lines = alike(faults.iter().map(line))
-                .into_iter()
-                .map(|(of, (head, said))| format!("{head} {}: {said}", channels(&of)));
-            list_of(out, kind, faults.len(), lines)?;
-        }
-        let line = |Unjudged { what, why }: &Unjudged| {
-            format!("{}: {}", printable::line(what, 200), printable::line(why, 600))
-        };
-        list(out, "not judged", self.unjudged.iter().map(line))?;
-        list(out, "damaged", self.damaged.iter().map(line))?;
-        let line = |ToldFault { printhead, channel, from_ns, to_ns }: &&ToldFault| {
-            let (head, from, to) = (printable(printhead), clock(*from_ns), clock(*to_ns));
-            format!(
-                "{head} channel {channel}: its fault from {from} to {to} stands in no results any more"
-            )
-        };
-        list(out, "no longer told", self.gone.iter().map(line))?;
-        let line = |[a, b]: &&[String; 2]| {
-            let [a, b] = [a, b].map(|name| printable::line(name, 200));
-            format!(
-                "{a} and {b}: the same channels at the same times count twice, or a clock was wrong"
-            )
-        };
-        list(out, "overlapping", self.overlapping.iter().map(line))?;
-        let no_fault = self.changes.kinds.iter().all(|(.., faults)| faults.is_empty());
-        if *recordings > 0 && no_fault && self.heads.is_empty() {
+        self.sections.iter().try_for_each(|section| section.print(out))?;
+        let no_fault = kinds.iter().all(|(.., faults)| faults.is_empty());
+        if *recordings > 0 && no_fault && self.are_heads_as_before {
             writeln!(out, "no change, of what was judged")?;
         }
-        if *still > 0 {
-            writeln!(out, "{} to clean as before", counted(*still as u64, "channel"))?;
-        }
-        if *may_return > 0 {
-            let count = counted(*may_return as u64, "channel");
-            writeln!(out, "{count} healthy as before, whose fault came back before")?;
-        }
-        if self.known > 0 {
-            writeln!(out, "{} acknowledged as known", counted(self.known as u64, "fault"))?;
+        for (n, what, words) in [
+            (*still, "channel", "to clean as before"),
+            (*may_return, "channel", "healthy as before, whose fault came back before"),
+            (self.known, "fault", "acknowledged as known"),
+        ] {
+            if n > 0 {
+                writeln!(out, "{} {words}", counted(n as u64, what))?;
+            }
         }
         Ok(())
     }
-}
-
-/// Prints a heading and what belongs under it: how many lines there are, the first of them, and how many
-/// more. Without lines nothing is printed.
-fn list(
-    out: &mut impl Write,
-    words: &str,
-    lines: impl ExactSizeIterator<Item = String>,
-) -> std::io::Result<()> {
-    let all = lines.len();
-    list_of(out, words, all, lines)
-}
-
-/// The same of lines that tell of `all`, some of several.
-fn list_of(
-    out: &mut impl Write,
-    words: &str,
-    all: usize,
-    lines: impl ExactSizeIterator<Item = String>,
-) -> std::io::Result<()> {
-    if all > 0 {
-        writeln!(out, "{words}: {}", thousands(all as u64))?;
-    }
-    first_few(lines, MOST_LISTED, |more| format!("and {} more", thousands(more as u64)))
-        .try_for_each(|line| writeln!(out, "  {line}"))
 }
 
 /// What happened to a printhead, as JSON.
@@ -392,27 +394,6 @@ pub fn head_as_json(of: &HeadChange) -> Value {
         "what": of.what,
         "recording": of.recording,
         "as_of": of.as_of_ns.map(rfc3339),
-    })
-}
-
-/// A fault as JSON. The keys are names of columns of `report.faults.parquet`, though not of all; times are
-/// text here. `acknowledged`: the note of whoever knows the fault; null: nobody does.
-pub fn as_json(fault: &Fault) -> serde_json::Value {
-    let story = &fault.story;
-    json!({
-        "printhead": story.printhead.to_string(),
-        "channel": story.channel,
-        "category": story.category,
-        "fault": story.fault,
-        "began_at": rfc3339(story.began_at_ns),
-        "ended_at": story.ended_at_ns.map(rfc3339),
-        "severity_last": story.severity_last,
-        "certainty": story.certainty,
-        "urgency": fault.urgency,
-        "action": fault.action,
-        "acknowledged": story.known,
-        "sentence": fault.sentence,
-        "known_at": rfc3339(story.known_at_ns),
     })
 }
 

@@ -59,15 +59,14 @@ impl Key {
         Ok(Some(Key { path, digest: of_bytes(all.to_string().as_bytes()) }))
     }
 
-    /// The counts that are kept; `None`: there are none, or none with maps where these are wanted.
-    pub fn read(&self, with_maps: bool) -> Option<RecordingCounts> {
+    /// The counts that are kept; `None`: there are none.
+    pub fn read(&self) -> Option<RecordingCounts> {
         let text = regular_file::read_text(&self.path, MOST_BYTES).ok()?;
         let (head, counts) = text.split_once('\n')?;
         if head != self.head(counts) {
             return None;
         }
-        let counts: RecordingCounts = serde_json::from_str(counts).ok()?;
-        (counts.has_maps || !with_maps).then_some(counts)
+        serde_json::from_str(counts).ok()
     }
 
     pub fn keep(&self, counts: &RecordingCounts) -> Result<(), FileError> {

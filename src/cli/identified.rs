@@ -2,9 +2,8 @@
 //! channels and bursts together. Out: an [`Identified`], which `identify` writes as JSON and prints.
 //!
 //! The steps ([`Identified::of`]): the healthy signals are chosen and averaged (thesis Fig. 3-2);
-//! rates and acquisition state are fitted to the average (thesis (3-1)); what the fit leaves is
-//! tested for whiteness; and with a geometry the individual parameters of thesis (2-3)..(2-5)
-//! follow. All computing is done in `inkling_core::identify`.
+//! rates and acquisition state are fitted to the average (thesis (3-1)); and what the fit leaves
+//! is tested for whiteness. All computing is done in `inkling_core::identify`.
 
 use super::report::printable;
 use crate::settings::IdentifySettings;
@@ -14,7 +13,6 @@ use inkling_core::identify::SignalSet;
 use inkling_core::identify::averaging;
 use inkling_core::identify::grey_box::{self, Identification};
 use inkling_core::identify::whiteness::{self, Whiteness};
-use inkling_core::model::Geometry;
 use serde::Serialize;
 use std::io::Write;
 
@@ -39,8 +37,6 @@ pub struct Identified<'a> {
     pub identification: Identification,
     /// Whether the misfit of the average is white noise; `None`: it cannot be told.
     whiteness: Option<Whiteness>,
-    /// The individual parameters; `None`: the settings give no geometry.
-    physical: Option<Physical>,
 }
 
 impl<'a> Identified<'a> {
@@ -71,7 +67,6 @@ impl<'a> Identified<'a> {
             samples: set.samples,
             drive_voltage_v: set.drive_voltage_v,
             whiteness: whiteness::whiteness(&misfit, FITTED),
-            physical: settings.geometry.map(|g| Physical::of(&fit, &g)),
             identification: fit,
         })
     }
@@ -116,55 +111,6 @@ impl<'a> Identified<'a> {
                 writeln!(out, "  {what}: {item}")?;
             }
         }
-        self.physical.iter().try_for_each(|physical| physical.print(out))
-    }
-}
-
-/// The individual parameters of thesis (2-3)..(2-5). One decay gives only ratios of these
-/// parameters, so they rest on the restrictor's inertance and on A_n/A_r as given by the geometry.
-#[derive(Debug, Serialize)]
-struct Physical {
-    restrictor_inertance_kg_per_m4: f64,
-    nozzle_inertance_kg_per_m4: f64,
-    restrictor_resistance_pa_s_per_m3: f64,
-    nozzle_resistance_pa_s_per_m3: f64,
-    compliance_m3_per_pa: f64,
-    /// The compliance from the geometry alone, for comparison.
-    compliance_by_geometry_m3_per_pa: f64,
-    rests_on: &'static str,
-}
-
-impl Physical {
-    /// The parameters that the identified rates have where I_r is that of the geometry.
-    fn of(fit: &Identification, geometry: &Geometry) -> Physical {
-        let rates = fit.channel;
-        let prior = geometry.ink_channel();
-        let by_geometry = geometry.compliance_m3_per_pa();
-        // a = 1 / (I_r B_t) with a and B_t of the geometry gives I_r; then the identified a and b give B_t
-        // and I_n, and g = R_r / I_r and d = R_n / I_n give the resistances
-        let i_r = 1.0 / (prior.a_per_s2 * by_geometry);
-        let b_t = 1.0 / (rates.a_per_s2 * i_r);
-        let i_n = 1.0 / (rates.b_per_s2 * b_t);
-        Physical {
-            restrictor_inertance_kg_per_m4: i_r,
-            nozzle_inertance_kg_per_m4: i_n,
-            restrictor_resistance_pa_s_per_m3: rates.g_per_s * i_r,
-            nozzle_resistance_pa_s_per_m3: rates.d_per_s * i_n,
-            compliance_m3_per_pa: b_t,
-            compliance_by_geometry_m3_per_pa: by_geometry,
-            rests_on: "the restrictor's inertance and the ratio A_n/A_r of identify.geometry",
-        }
-    }
-
-    fn print(&self, out: &mut impl Write) -> std::io::Result<()> {
-        let mut line = |what: &str, value: f64, unit: &str| {
-            writeln!(out, "  {what:<22} {value:>13.6e} {unit}  prior-dependent")
-        };
-        line("I_r (as given)", self.restrictor_inertance_kg_per_m4, "kg/m^4")?;
-        line("I_n", self.nozzle_inertance_kg_per_m4, "kg/m^4")?;
-        line("R_r", self.restrictor_resistance_pa_s_per_m3, "Pa s/m³")?;
-        line("R_n", self.nozzle_resistance_pa_s_per_m3, "Pa s/m³")?;
-        line("B_t", self.compliance_m3_per_pa, "m³/Pa")?;
-        writeln!(out, "  these rest on {}", self.rests_on)
+        Ok(())
     }
 }

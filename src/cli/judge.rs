@@ -47,8 +47,6 @@ pub struct Judged {
     /// Its line in the journal, without the baselines that it was judged by.
     pub entry: Entry,
     pub report: String,
-    /// Where the time went, as lines of text.
-    pub timings: Vec<String>,
     /// With `--baseline`: the channels' baselines after this recording, for the next one.
     pub baselines: Option<Memory>,
 }
@@ -88,7 +86,6 @@ impl Judged {
         Judged {
             entry,
             report: String::from_utf8_lossy(&text).into_owned(),
-            timings: report::timings(&report),
             baselines: report.baselines,
         }
     }

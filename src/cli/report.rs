@@ -131,22 +131,6 @@ fn print_episodes(episodes: &[&Episode], out: &mut impl Write) -> io::Result<()>
         .try_for_each(|line| writeln!(out, "    {line}"))
 }
 
-/// The lines of `--timings`: where the time went by phase and by stage.
-pub fn timings(report: &RecordingReport) -> Vec<String> {
-    let phases = report.phases.iter().map(|of| format!("{} {:.2} s", of.phase, of.seconds));
-    let phases: Vec<String> = phases.collect();
-    let mut lines = vec![format!("{:.2} s: {}", report.seconds, phases.join(", "))];
-    lines.push("stage     workers  batches    busy s starved s blocked s  queue".into());
-    let stages = report.timings.iter().map(|s| {
-        format!(
-            "{:9} {:>7} {:>8} {:>9.2} {:>9.2} {:>9.2} {:>6.1}",
-            s.stage, s.workers, s.batches, s.busy_s, s.starved_s, s.blocked_s, s.queue_fill
-        )
-    });
-    lines.extend(stages);
-    lines
-}
-
 /// A name from a file, made safe for a terminal and cut.
 pub fn printable(name: &str) -> String {
     printable::line(name, 64)

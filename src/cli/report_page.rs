@@ -7,12 +7,12 @@
 //! options are checked and the files written. With `--changes-since` the text or JSON is about what
 //! is new (`changes_since`).
 
-use super::changes_since::{ChangesSince, EarlierRun, as_json, head_as_json};
+use super::changes_since::{ChangesSince, EarlierRun, head_as_json};
 use super::exit::{Exit, Failure};
 use super::output;
 use super::progress::{Progress, complain, first_few, interruptible};
-use super::results::{self, OfVerdicts, ReadReport};
-use crate::report::{self, Fault, Report};
+use super::results::{self, ReadReport};
+use crate::report::{self, Fault, Report, rfc3339};
 use crate::settings::Settings;
 use inkling_core::verdict::Reason;
 use inkling_io::column_types::TimestampUnit;
@@ -123,15 +123,14 @@ fn account_of(out: &[String]) -> Result<Option<PathBuf>, Failure> {
     Ok(Some(account))
 }
 
-/// Reads the results of these tables, and tells what could not be read. `keeps_counts`: as in [`OfVerdicts`].
+/// Reads the results of these tables, and tells what could not be read. `keeps_counts`: as in [`results::read`].
 pub fn read(
     found: &[Input],
     settings: &Settings,
     keeps_counts: bool,
 ) -> Result<ReadReport, Failure> {
-    let wanted = OfVerdicts { with_maps: true, keeps_counts };
     let progress = Progress::new(1, 0);
-    let read = results::read(found, &settings.report, wanted, &progress, &interruptible())?;
+    let read = results::read(found, &settings.report, keeps_counts, &progress, &interruptible())?;
 
     // The actions can only be checked now that the classes of the recordings are known. There may be some for these,
     // and for classes that the settings declare.
@@ -254,6 +253,18 @@ static COLUMNS: [(Column, Cell); 17] = [
 
 fn columns() -> [Column; 17] {
     COLUMNS.each_ref().map(|(column, _)| *column)
+}
+
+/// A fault as JSON, with the columns of the table of faults as keys; times are text here. `acknowledged`: the note of
+/// whoever knows the fault; null: nobody does.
+pub fn as_json(fault: &Fault) -> Value {
+    let cell = |(column, of): &(Column, Cell)| {
+        let time_ns = of(fault).as_i64().filter(|_| column.name.ends_with("_at"));
+        (column.name.to_owned(), time_ns.map_or_else(|| of(fault), |ns| json!(rfc3339(ns))))
+    };
+    let mut all: Value = COLUMNS.iter().map(cell).collect();
+    all["acknowledged"] = json!(fault.story.known);
+    all
 }
 
 /// The trend of the severity, in its unit per day, if the trend is certain. Of a fault without a

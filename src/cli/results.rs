@@ -2,9 +2,9 @@
 //! verdicts. In: verdict tables, from `report_page`, or from `teller` for the account and the cleaning list.
 //! Out: a [`ReadReport`]: the report, and what could not be read. `score` uses only [`find`].
 //!
-//! Verdicts do not fit into memory, so one thread reads batches of a few columns ahead, and another one counts them
-//! ([`count_all`]). Those that were counted before are not read again (`counts_file`). The survey, which adds the counts
-//! up, needs all episodes before them.
+//! Verdicts do not fit into memory: batches of a few columns are read and counted one after another ([`count`]). Those
+//! that were counted before are not read again (`counts_file`). The survey, which adds the counts up, needs all episodes
+//! before them.
 
 use super::copies::{self, Table};
 use super::counts_file::Key;
@@ -16,7 +16,6 @@ use crate::report::{
     Clocks, LostRecording, Names, Note, RecordingCounts, Report, ReportSettings, Source, Survey,
     clock,
 };
-use inkling_core::verdict::VerdictColumns;
 use inkling_io::file_error::FileError;
 use inkling_io::inputs::Input;
 use inkling_io::objects::in_object_store;
@@ -28,15 +27,12 @@ use inkling_io::{
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 use std::sync::atomic::Ordering;
-use std::sync::mpsc::{SyncSender, sync_channel};
 
 /// The columns of a verdict table that a report needs; the second ones are what flagged signals say, which is
 /// asked of channels with episodes alone.
 const COLUMNS: [&str; 6] = ["acquired_at", "printhead", "channel", "outcome", "category", "reason"];
 const COLUMNS_OF_FAULTS: [&str; 6] =
     ["candidate", "statistic", "threshold", "severity", "resonance_hz", "damping_per_s"];
-/// Number of batches that are read ahead, of some MB each.
-const READ_AHEAD: usize = 16;
 
 /// Finds the verdict tables that a command line names: files, directories or patterns. `what`: what
 /// is made of the tables (`a report`), for messages. A usage failure if a name is that of another
@@ -78,26 +74,6 @@ pub struct ReadReport {
     pub classes: BTreeSet<String>,
 }
 
-/// What is wanted of the verdicts.
-#[derive(Clone, Copy, Debug)]
-pub struct OfVerdicts {
-    /// Whether the report is to have maps of channels over time, which only the page shows.
-    pub with_maps: bool,
-    /// Whether counts are kept beside the verdicts, for later runs.
-    pub keeps_counts: bool,
-}
-
-/// A recording whose verdicts are to be read.
-struct Unread<'a> {
-    recording: usize,
-    file: &'a Path,
-    /// An error if the table could not be looked into, as when its verdicts cannot be read either.
-    key: Result<Option<Key>, FileError>,
-    /// Its counts, which know its episodes, and so far no verdicts.
-    counts: RecordingCounts,
-    clocks: Clocks,
-}
-
 /// The counts of all recordings, and the recordings that are left out since no clock which is set can have dated them:
 /// all that is told is of the latest time.
 struct Told {
@@ -117,26 +93,13 @@ impl Told {
     }
 }
 
-/// What is read of one table after another.
-enum Read {
-    Rows(Box<Rows>),
-    /// The table was read to its end, or it was not, and why.
-    End(Result<(), String>),
-}
-
-/// Some rows, with the names to which the indices in their columns refer.
-struct Rows {
-    columns: VerdictColumns,
-    classes: Vec<String>,
-    categories: Vec<String>,
-}
-
 /// Reads the results of all tables into a report. A table that cannot be read is left out and noted
-/// in `failed`; if no verdicts can be read at all, that is the failure.
+/// in `failed`; if no verdicts can be read at all, that is the failure. `keeps_counts`: whether counts are kept beside
+/// the verdicts, for later runs.
 pub fn read(
     inputs: &[Input],
     settings: &ReportSettings,
-    of_verdicts: OfVerdicts,
+    keeps_counts: bool,
     progress: &Progress,
     control: &Control,
 ) -> Result<ReadReport, Failure> {
@@ -185,31 +148,35 @@ pub fn read(
     }
 
     // 4. the counts of each recording: those that are kept beside its verdicts, or else by reading these
-    let keys: Vec<Result<Option<Key>, FileError>> = files
-        .iter()
-        .zip(episodes.iter().zip(&sources))
-        .map(|(file, (episodes, source))| Key::of(file, episodes, &source.document))
-        .collect();
-    let begun = episodes.iter().map(|of| RecordingCounts::new(of, of_verdicts.with_maps));
-    let begun: Vec<RecordingCounts> = begun.collect();
-    let survey = Survey::new(episodes, of_verdicts.with_maps);
-    let mut told = Told { survey, far_ahead_ns: BTreeMap::new() };
-    let mut unread: Vec<Unread> = Vec::new();
-    for (recording, ((key, counts), clocks)) in keys.into_iter().zip(begun).zip(clocks).enumerate()
-    {
-        if control.interrupted() {
-            break;
+    let mut told = Told { survey: Survey::new(&episodes), far_ahead_ns: BTreeMap::new() };
+    let bytes: u64 = files.iter().map(|file| stored::bytes(file)).sum();
+    let count_all = || -> Result<(), FileError> {
+        let all = files.iter().zip(&episodes).zip(sources.iter().zip(&mut clocks));
+        for (recording, ((file, episodes), (source, clocks))) in all.enumerate() {
+            let key = Key::of(file, episodes, &source.document);
+            let kept = key.as_ref().ok().and_then(|key| key.as_ref()?.read());
+            let is_kept = kept.is_some();
+            let mut counts = kept.unwrap_or_else(|| RecordingCounts::new(episodes));
+            let read = if is_kept { Ok(()) } else { count(file, &mut counts, clocks, control) };
+            if control.interrupted() {
+                break;
+            }
+            match (read, key) {
+                (Ok(()), Ok(Some(key))) if keeps_counts && !is_kept => key.keep(&counts)?,
+                (Ok(()), Ok(_)) => {}
+                (Err(e), _) => failed.push(format!(
+                    "{e}; its rows from there on are not in the report. Remove that file, and the next replay judges \
+                     its recording again"
+                )),
+                // looked into in vain, as when its verdicts cannot be read either
+                (Ok(()), Err(e)) => failed.push(e.to_string()),
+            }
+            told.absorb(recording, counts);
+            control.bytes_read.fetch_add(stored::bytes(file), Ordering::Relaxed);
         }
-        let known = key.as_ref().ok().and_then(Option::as_ref);
-        match known.and_then(|key| key.read(of_verdicts.with_maps)) {
-            Some(kept) => told.absorb(recording, kept),
-            None => unread.push(Unread { recording, file: files[recording], key, counts, clocks }),
-        }
-    }
-    let bytes: u64 = unread.iter().map(|of| stored::bytes(of.file)).sum();
-    progress.during("verdicts", bytes, control, || {
-        count_all(unread, of_verdicts.keeps_counts, &mut told, &mut failed, control)
-    })?;
+        Ok(())
+    };
+    progress.during("verdicts", bytes, control, count_all)?;
     if control.interrupted() {
         return Err(Failure::new("interrupted; nothing was written"));
     }
@@ -270,80 +237,23 @@ fn episodes_of(
     })
 }
 
-/// Counts the verdicts of recordings, and adds them up: one thread reads ahead, this one counts. `keeps`: whether
-/// whole counts are kept.
-fn count_all(
-    recordings: Vec<Unread>,
-    keeps: bool,
-    told: &mut Told,
-    failed: &mut Vec<String>,
-    control: &Control,
-) -> Result<(), FileError> {
-    let (send, receive) = sync_channel(READ_AHEAD);
-    // the receiver goes where this one does, so that nobody waits for room in vain
-    std::thread::scope(move |scope| {
-        let tables: Vec<(&Path, Vec<&str>)> =
-            recordings.iter().map(|of| (of.file, columns_for(&of.counts))).collect();
-        scope.spawn(move || read_all(&tables, control, &send));
-        for Unread { recording, key, mut counts, mut clocks, .. } in recordings {
-            let end = loop {
-                match receive.recv() {
-                    Ok(Read::Rows(mut rows)) => {
-                        clocks.put_rows_right(&mut rows.columns);
-                        let (classes, categories) = (&rows.classes, &rows.categories);
-                        counts.add(&rows.columns, Names { classes, categories });
-                    }
-                    Ok(Read::End(end)) => break end,
-                    Err(_) => return Ok(()), // interrupted
-                }
-            };
-            match (end, key) {
-                (Ok(()), Ok(Some(key))) if keeps => key.keep(&counts)?,
-                (Ok(()), Ok(_)) => {}
-                (Err(e), _) => failed.push(e),
-                (Ok(()), Err(e)) => failed.push(e.to_string()),
-            }
-            told.absorb(recording, counts);
-        }
-        Ok(())
-    })
-}
-
-fn columns_for(counts: &RecordingCounts) -> Vec<&'static str> {
-    let of_faults = COLUMNS_OF_FAULTS.iter().filter(|_| counts.has_episodes());
-    COLUMNS.iter().chain(of_faults).copied().collect()
-}
-
-/// Reads these columns of all files in their order, and sends their rows ahead of their use. Where one cannot be read to
-/// its end, the next one is read. Progress counts whole files.
-fn read_all(tables: &[(&Path, Vec<&str>)], control: &Control, send: &SyncSender<Read>) {
-    for (file, columns) in tables {
-        let end = read_one(file, columns, control, send)
-            .map_err(|e| format!("{e}; its rows from there on are not in the report. Remove that file, and the next replay judges its recording again"));
-        if control.interrupted() || send.send(Read::End(end)).is_err() {
-            return;
-        }
-        control.bytes_read.fetch_add(stored::bytes(file), Ordering::Relaxed);
-    }
-}
-
-/// Sends the rows of one file.
-fn read_one(
+/// Adds the rows of a table to the counts of its recording, as far as they can be read. Where nobody had an episode, what
+/// flagged signals say is not read.
+fn count(
     file: &Path,
-    columns: &[&str],
+    counts: &mut RecordingCounts,
+    clocks: &mut Clocks,
     control: &Control,
-    send: &SyncSender<Read>,
 ) -> Result<(), TableError> {
-    let mut verdicts = VerdictReader::open_columns(file, Some(columns))?;
-    while let Some(columns) = verdicts.next() {
-        let columns = columns?;
-        control.signals.fetch_add(columns.len() as u64, Ordering::Relaxed);
-        let (classes, categories) = (verdicts.classes().to_vec(), verdicts.categories().to_vec());
-        let rows = Box::new(Rows { columns, classes, categories });
-        let sent = send.send(Read::Rows(rows));
-        if sent.is_err() || control.interrupted() {
-            return Ok(()); // nobody counts any more
-        }
+    let of_faults = COLUMNS_OF_FAULTS.iter().filter(|_| counts.has_episodes());
+    let columns: Vec<&str> = COLUMNS.iter().chain(of_faults).copied().collect();
+    let mut verdicts = VerdictReader::open_columns(file, Some(&columns))?;
+    while let Some(rows) = verdicts.next().filter(|_| !control.interrupted()) {
+        let mut rows = rows?;
+        control.signals.fetch_add(rows.len() as u64, Ordering::Relaxed);
+        clocks.put_rows_right(&mut rows);
+        let (classes, categories) = (verdicts.classes(), verdicts.categories());
+        counts.add(&rows, Names { classes, categories });
     }
     Ok(())
 }

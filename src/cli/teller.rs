@@ -17,7 +17,7 @@ use super::output;
 use super::progress::{Progress, first_few, is_called};
 use super::report::printable_path;
 use super::report_page::{ACCOUNT_NAME, write_json};
-use super::results::{self, OfVerdicts};
+use super::results;
 use crate::report::print as print_report;
 use inkling_io::file_error::FileError;
 use inkling_io::job::Job;
@@ -27,9 +27,6 @@ use serde_json::{Value, json};
 use std::io::Write;
 use std::path::Path;
 
-/// How results are read for `account.json`: it has no maps, and the counts are kept, so that later runs need not count the
-/// same verdicts again.
-const COUNTED: OfVerdicts = OfVerdicts { with_maps: false, keeps_counts: true };
 /// Most complaints told one by one; names that were not found and annotations that failed are told besides.
 const MOST_FAILURES: usize = 10;
 
@@ -40,7 +37,6 @@ pub struct Teller<'a> {
     pub account: Account,
     /// Whether to print one JSON line per recording and one for the run, instead of text.
     pub json: bool,
-    pub timings: bool,
     pub annotate: bool,
     /// Whether the run has a single recording, whose own report is then enough.
     pub is_alone: bool,
@@ -100,9 +96,6 @@ impl Teller<'_> {
         }
         if row.outcome != Outcome::NotJudged {
             self.complain_of(&row);
-        }
-        if self.timings {
-            judged.timings.iter().for_each(|line| self.progress.say(line));
         }
         if !self.json {
             // if the reader of the output is gone, the other recordings are still judged
@@ -213,7 +206,8 @@ impl Teller<'_> {
         let settings = &run.replay.settings.report;
         let found = results::find(&[self.out.to_string_lossy().into()], "an account");
         let read = found.and_then(|inputs| {
-            let read = results::read(&inputs, settings, COUNTED, self.progress, run.control)?;
+            // the counts are kept, so that later runs need not count the same verdicts again
+            let read = results::read(&inputs, settings, true, self.progress, run.control)?;
             Ok((inputs.len(), read.report))
         });
         match read {

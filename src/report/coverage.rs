@@ -427,20 +427,8 @@ mod tests {
     }
 
     #[test]
-    fn a_recording_is_told_with_its_commonest_reason() {
-        let rows: Vec<Looked> = (0..3).map(|t| (0, t, 1, Some(Reason::Saturated))).collect();
-        // with one judged signal the printhead is not told, but the recording is
-        let coverage = gaps_of(&["a"], &[rows, vec![(0, 3, 2, None)]].concat());
-        let of_all = coverage.gaps.iter().find(|gap| gap.printhead.is_none()).unwrap();
-        assert_eq!(
-            of_all.what,
-            format!("3 of 4 signals were not judged: {}", Reason::Saturated.in_words())
-        );
-    }
-
-    #[test]
     fn an_empty_recording_is_told_beside_one_with_rows_left_out() {
-        let mut survey = Survey::new(vec![Vec::new(); 2], false);
+        let mut survey = Survey::new(&[Vec::new(), Vec::new()]);
         survey.left_out.insert(0, 3);
         let sources = ["a", "b"].map(|name| Source { name: name.into(), ..Source::default() });
         let coverage = Coverage::of(&survey, &sources, Vec::new());

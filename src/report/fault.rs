@@ -374,25 +374,9 @@ pub fn sort(faults: &mut [Fault]) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::report::fixtures::{spell, watch_of};
+    use crate::report::fixtures::spell;
     use crate::report::story::{Rates, stories};
-    use crate::report::watch::{Flagged, Watch};
-
-    #[test]
-    fn what_a_channel_is_now_is_to_be_cleaned_and_what_it_was_is_its_past() {
-        let spells = vec![spell(0, 10, Some(20), "dried_nozzle"), spell(0, 80, None, "air_bubble")];
-        let is_flagged = |t: i64| (10..20).contains(&t) || t >= 80;
-        let bursts = (0..100).map(|t| (0, t, is_flagged(t).then(Flagged::default)));
-        let watch = watch_of(spells, &bursts.collect::<Vec<_>>());
-        let stories = stories(&watch, &Rates { false_alarms: 1e-3, ..Rates::default() });
-        let mut faults = Fault::of_channel(stories, &ReportSettings::default());
-        sort(&mut faults);
-        let [now, was] = &faults[..] else { panic!("{faults:?}") };
-        assert!(now.is_open() && now.urgency > 0.0 && now.sentence.ends_with(": purge"), "{now:?}");
-        assert!(!was.is_open() && was.urgency == 0.0 && !was.sentence.contains("pre-fire"));
-        let past = EarlierFault { what: "dried nozzle".into(), from_ns: 10, to_ns: Some(20) };
-        assert_eq!((&now.earlier[..], was.earlier.len()), (&[past][..], 0));
-    }
+    use crate::report::watch::Watch;
 
     #[test]
     fn equally_urgent_faults_have_one_order() {

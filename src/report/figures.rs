@@ -1,5 +1,5 @@
 //! Figures for the page: the size of faults over time, and the drift of healthy rings with
-//! temperature or time.
+//! temperature.
 //!
 //! In: a [`Report`] (`trends`), or its healthy models (`drift`). Out: SVG in HTML. The titles say
 //! what the figures show, from the same words as the list.
@@ -7,7 +7,6 @@
 use super::Report;
 use super::drift::{ModelPoint, per_kelvin};
 use super::fault::{Fault, certain_trend, trend_in_words, what};
-use super::night::whole;
 use super::survey::Survey;
 use super::trend::Severities;
 use super::watch::Watch;
@@ -86,16 +85,15 @@ fn trend(fault: &Fault, survey: &Survey) -> Option<String> {
     Some(page::figure(&figure, SIZE, &alt))
 }
 
-/// Figures of healthy resonance and damping, against temperature where it was recorded.
+/// Figures of healthy resonance and damping against temperature, where that was recorded.
 pub fn drift(points: &[ModelPoint]) -> Vec<String> {
     let resonance = quantity(points, "Healthy resonance", "kHz", |p| p.frequency_hz / 1e3);
     let damping = quantity(points, "Healthy damping", "1/ms", |p| p.damping_per_s / 1e3);
     [resonance, damping].into_iter().flatten().collect()
 }
 
-/// The figure of one quantity of the healthy models, one series for each printhead: against
-/// temperature if at least three models have one, else against the time when the model's use began.
-/// `None` if no printhead has [`LEAST_DOTS`] models with a place on that axis.
+/// The figure of one quantity of the healthy models, one series for each printhead. `None` if no printhead has
+/// [`LEAST_DOTS`] models of a temperature.
 fn quantity(
     points: &[ModelPoint],
     what: &str,
@@ -103,39 +101,22 @@ fn quantity(
     of: fn(&ModelPoint) -> f64,
 ) -> Option<String> {
     // The models of each printhead, in the order in which the printheads are met.
-    let mut of_heads: Vec<(&str, Vec<&ModelPoint>)> = Vec::new();
+    let mut of_heads: Vec<(&str, Vec<(f64, f64)>)> = Vec::new();
     for point in points {
         let name = point.printhead.as_deref().unwrap_or("all printheads");
+        let dot = (point.temperature_c, of(point));
         match of_heads.iter_mut().find(|of| of.0 == name) {
-            Some((_, own)) => own.push(point),
-            None => of_heads.push((name, vec![point])),
+            Some((_, own)) => own.push(dot),
+            None => of_heads.push((name, vec![dot])),
         }
     }
-
-    let with_temperature = points.iter().filter(|p| p.temperature_c.is_some()).count() >= 3;
-    let span = whole(points.iter().filter_map(|p| p.valid_from_ns).map(|t_ns| (t_ns, t_ns)));
-    let origin = span.map(|(first, _)| first);
-    let (scale, time_unit) =
-        unit_of_time(span.map_or(0.0, |(first, last)| last.saturating_sub(first) as f64 / 1e9));
-    let x_of = |p: &ModelPoint| match with_temperature {
-        true => p.temperature_c,
-        false => Some(p.valid_from_ns?.saturating_sub(origin?) as f64 / 1e9 * scale),
-    };
-
-    let mut changes: Vec<f64> = Vec::new();
-    let mut series = Vec::new();
-    for (name, own) in of_heads {
-        changes.extend(per_kelvin(&own, of));
-        let points: Vec<(f64, f64)> = own.iter().filter_map(|p| Some((x_of(p)?, of(p)))).collect();
-        if !points.is_empty() && series.len() < MOST_HEADS {
-            series.push(Series::new(name, Mark::Dots, points));
-        }
-    }
+    let mut changes: Vec<f64> = of_heads.iter().filter_map(|(_, own)| per_kelvin(own)).collect();
+    changes.sort_by(f64::total_cmp);
+    let drawn = of_heads.into_iter().take(MOST_HEADS);
+    let series: Vec<Series> = drawn.map(|(name, of)| Series::new(name, Mark::Dots, of)).collect();
     if series.iter().map(|s| s.points.len()).max().unwrap_or_default() < LEAST_DOTS {
         return None;
     }
-    changes.sort_by(f64::total_cmp);
-
     let finding = match (changes.first(), changes.last()) {
         (Some(low), Some(high)) => {
             let [low, high] = [low, high].map(|change| signed(100.0 * change, 2));
@@ -147,13 +128,8 @@ fn quantity(
             format!("{what} lies between {low:.2} and {high:.2} {unit}")
         }
     };
-    let x = match (with_temperature, origin) {
-        (true, _) => "ink temperature, °C".into(),
-        (_, Some(origin)) => format!("{time_unit} since {} UTC", clock(origin)),
-        _ => return None,
-    };
     let y = Axis::new(&format!("{}, {unit}", what.to_lowercase()));
     // for those who do not see it, it says its title
-    let figure = Figure::new(finding, Axis::new(&x), y, series);
+    let figure = Figure::new(finding, Axis::new("ink temperature, °C"), y, series);
     Some(page::figure(&figure, SIZE, &figure.title))
 }

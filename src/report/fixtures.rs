@@ -47,9 +47,9 @@ pub fn spell(recording: usize, began: i64, ended: Option<i64>, category: &str) -
 
 /// The survey of recordings without episodes: the verdicts of each.
 pub fn surveyed(recordings: &[Vec<VerdictColumns>]) -> Survey {
-    let mut survey = Survey::new(vec![Vec::new(); recordings.len()], false);
+    let mut survey = Survey::new(&vec![Vec::new(); recordings.len()]);
     for (recording, verdicts) in recordings.iter().enumerate() {
-        let mut counts = RecordingCounts::new(&[], false);
+        let mut counts = RecordingCounts::new(&[]);
         verdicts.iter().for_each(|of| counts.add(of, NAMELESS));
         survey.absorb(recording, counts);
     }

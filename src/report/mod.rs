@@ -137,7 +137,7 @@ pub struct Report {
     /// What was judged, and what was not.
     pub coverage: Coverage,
     pub false_alarms: FalseAlarms,
-    /// The healthy models that judged, in the order of time.
+    /// The healthy models that judged.
     pub drift: Vec<ModelPoint>,
     pub survey: Survey,
 }

@@ -248,7 +248,6 @@ fn change(report: &Report, fault: &Fault) -> String {
 /// The section of false alarms.
 fn false_alarms(f: &FalseAlarms) -> String {
     let per_million = |share: f64| thousands((1e6 * share).round() as u64);
-    let [low, high] = f.interval().map(per_million);
     let meant = match f.promised {
         None => String::new(),
         Some((one, other)) if one == other => {
@@ -260,9 +259,9 @@ fn false_alarms(f: &FalseAlarms) -> String {
         }
     };
     format!(
-        "<h2>False alarms</h2>\n<p>Outside of every episode {} of {} signals were flagged: {} of a million \
-         (95 %: {low} to {high}, from the scatter over channels){meant}. Faults too short for an episode are \
-         counted as false alarms here: it is an upper estimate.</p>\n",
+        "<h2>False alarms</h2>\n<p>Outside of every episode {} of {} signals were flagged: {} of a \
+         million{meant}. Faults too short for an episode are counted as false alarms here: it is an upper \
+         estimate.</p>\n",
         thousands(f.flagged),
         thousands(f.judged),
         per_million(f.flagged as f64 / f.judged.max(1) as f64),

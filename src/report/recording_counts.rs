@@ -34,7 +34,6 @@ pub struct RecordingCounts {
     pub categories: Vec<String>,
     /// Number of rows beyond `MOST_PRINTHEADS` and `MOST_CHANNELS`. Nothing else counts them.
     pub left_out: u64,
-    pub has_maps: bool,
     /// Into `heads`, while rows are added.
     #[serde(skip)]
     places: Places<Arc<str>>,
@@ -67,15 +66,14 @@ pub const KNOWN_CATEGORIES: [&str; 4] =
 
 impl RecordingCounts {
     /// The counts of a recording with these episodes, without any verdicts yet.
-    pub fn new(episodes: &[Episode], with_maps: bool) -> RecordingCounts {
+    pub fn new(episodes: &[Episode]) -> RecordingCounts {
         let mut of_head: BTreeMap<Arc<str>, BTreeMap<u32, Vec<&Episode>>> = BTreeMap::new();
         for episode in episodes {
             let channels = of_head.entry(episode.printhead.clone()).or_default();
             channels.entry(episode.channel).or_default().push(episode);
         }
         let categories = KNOWN_CATEGORIES.map(str::to_owned).to_vec();
-        let mut counts =
-            RecordingCounts { categories, has_maps: with_maps, ..RecordingCounts::default() };
+        let mut counts = RecordingCounts { categories, ..RecordingCounts::default() };
         for (name, channels) in of_head {
             let Some(at) = counts.head(&name) else { continue };
             let watched = channels.into_iter().map(|(channel, of)| (channel, Watched::new(of)));
@@ -117,7 +115,7 @@ impl RecordingCounts {
     /// The index of a printhead, which is added if it is new; `None` if there are too many printheads.
     fn head(&mut self, name: &Arc<str>) -> Option<usize> {
         self.places.of(name, MOST_PRINTHEADS, |at| {
-            let map = (self.has_maps && at < MOST_MAPS).then(HeadMap::default);
+            let map = (at < MOST_MAPS).then(HeadMap::default);
             self.heads.push(HeadCounts { name: name.clone(), map, ..HeadCounts::default() });
         })
     }
@@ -246,7 +244,7 @@ mod tests {
     fn rows_of_channels_beyond_the_limit_are_counted_as_left_out_alone() {
         let n = MOST_CHANNELS + 3;
         let columns = verdicts(0, (0..n as u32).map(|channel| (channel, Outcome::Healthy)));
-        let mut counts = RecordingCounts::new(&[], false);
+        let mut counts = RecordingCounts::new(&[]);
         counts.add(&columns, NAMELESS);
         let tally = &counts.heads[0].tally;
         assert_eq!((tally.judged, tally.rejected), (MOST_CHANNELS as u64, 0));

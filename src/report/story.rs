@@ -9,7 +9,7 @@
 //! Whether a channel was cured between two episodes follows from its bursts in between, by a
 //! likelihood ratio: either as many of them are flagged as in the episodes (weak faults are not
 //! flagged in every burst), or as few as on healthy channels. If the logarithm of the ratio is
-//! above 3, the channel was cured (`Gap::of`). If the first episode ended within its recording, the
+//! above 3, the channel was cured (`healthy_over_faulty`). If the first episode ended within its recording, the
 //! sequential test of the episodes has seen the cure, and one quiet burst after it is enough. If no
 //! burst was judged in between, the fault counts as not cured.
 //!
@@ -150,14 +150,6 @@ pub struct LastSize {
 /// If these words stand in an episode's explanation, the cause lies in the sensor line.
 const SENSOR_LINE: &str = "look at cable";
 
-/// What a channel's bursts between two episodes, or after the last one, say about a cure.
-struct Gap {
-    /// ln of the likelihood ratio, healthy over still faulty.
-    healthy: f64,
-    /// Bursts that were not flagged.
-    quiet: u64,
-}
-
 /// Whether the channel was cured between two episodes, or after the last one.
 struct Cure {
     is_one: bool,
@@ -165,18 +157,14 @@ struct Cure {
     quiet: u64,
 }
 
-impl Gap {
-    /// `share`: share of flagged bursts in the channel's episodes; `false_alarms`: that on healthy channels.
-    fn of(between: &BurstCounts, share: f64, false_alarms: f64) -> Gap {
-        let quiet = between.judged - between.flagged;
-        // A healthy channel must be flagged more rarely than a faulty one, or the ratio says
-        // nothing.
-        let false_alarms = false_alarms.clamp(1e-6, 0.5 * share);
-        // ln of the binomial likelihood ratio: healthy over still faulty
-        let healthy = between.flagged as f64 * (false_alarms / share).ln()
-            + quiet as f64 * ((1.0 - false_alarms) / (1.0 - share)).ln();
-        Gap { healthy, quiet }
-    }
+/// What a channel's bursts between two episodes, or after the last one, say about a cure: ln of the binomial
+/// likelihood ratio, healthy over still faulty. `share`: share of flagged bursts in the channel's episodes;
+/// `false_alarms`: that on healthy channels.
+fn healthy_over_faulty(between: &BurstCounts, share: f64, false_alarms: f64) -> f64 {
+    // A healthy channel must be flagged more rarely than a faulty one, or the ratio says nothing.
+    let false_alarms = false_alarms.clamp(1e-6, 0.5 * share);
+    between.flagged as f64 * (false_alarms / share).ln()
+        + between.quiet() as f64 * ((1.0 - false_alarms) / (1.0 - share)).ln()
 }
 
 /// The stories of a channel, in the order of their onsets.
@@ -197,7 +185,8 @@ pub fn stories(watch: &Watch, rates: &Rates) -> Vec<Story> {
         // recording of the same time.
         let is_beside =
             between.first_ns.is_some_and(|t_ns| t_ns <= watch.spells[k - 1].last_look_ns());
-        let Gap { healthy, quiet } = Gap::of(between, share, rates.false_alarms);
+        let healthy = healthy_over_faulty(between, share, rates.false_alarms);
+        let quiet = between.quiet();
         let is_cured = healthy > CURED && !is_beside;
         Cure { is_one: is_cured || ended && quiet > 0 && healthy > -CURED, quiet }
     };

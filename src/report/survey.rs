@@ -48,16 +48,14 @@ pub struct Survey {
     /// Number of signals that are not counted one by one, as they are of too many printheads or channels, by recording.
     /// Nothing else counts them.
     pub left_out: BTreeMap<usize, u64>,
-    /// Number of printheads that get a map; 0 if only counts and stories are wanted.
-    maps: usize,
 }
 
 impl Survey {
     /// A survey that knows the episodes, by the recording's index, but no counts yet.
-    pub fn new(episodes: Vec<Vec<Episode>>, with_maps: bool) -> Survey {
+    pub fn new(episodes: &[Vec<Episode>]) -> Survey {
         let mut of_head: BTreeMap<Arc<str>, BTreeMap<u32, Vec<Spell>>> = BTreeMap::new();
-        for (recording, episodes) in episodes.into_iter().enumerate() {
-            for episode in episodes {
+        for (recording, episodes) in episodes.iter().enumerate() {
+            for episode in episodes.iter().cloned() {
                 let channels = of_head.entry(episode.printhead.clone()).or_default();
                 let spells = channels.entry(episode.channel).or_default();
                 spells.push(Spell { recording, episode, counts: Default::default() });
@@ -69,7 +67,6 @@ impl Survey {
         of_head.sort_by_key(|(_, channels)| std::cmp::Reverse(channels.len()));
         let mut survey = Survey {
             categories: KNOWN_CATEGORIES.map(str::to_owned).to_vec(),
-            maps: if with_maps { MOST_MAPS } else { 0 },
             ..Survey::default()
         };
 
@@ -126,7 +123,7 @@ impl Survey {
     /// The index of a printhead, which is added if it is new; `None` if there are too many printheads.
     fn head(&mut self, name: &Arc<str>) -> Option<usize> {
         self.places.of(name, MOST_PRINTHEADS, |at| {
-            let map = (at < self.maps).then(HeadMap::default);
+            let map = (at < MOST_MAPS).then(HeadMap::default);
             self.heads.push(Head { name: name.clone(), map, ..Head::default() });
         })
     }
@@ -204,7 +201,7 @@ mod tests {
     /// The counts of a night of 200 bursts, the channels of which are in another order each night. Channel 7 is
     /// flagged in the second half of it.
     fn night(number: i64, episodes: &[Episode]) -> RecordingCounts {
-        let mut counts = RecordingCounts::new(episodes, true);
+        let mut counts = RecordingCounts::new(episodes);
         for t in 0..200 {
             let outcome = |channel: u32| match channel == 7 && t >= 100 {
                 true => Outcome::Undecided,
@@ -229,7 +226,7 @@ mod tests {
         // the channel is watched in the second night, too, in which it has no episode
         let of_nights = [vec![episode(0)], Vec::new(), vec![episode(2)]];
         let surveyed = |order: [usize; 3], kept: bool| {
-            let mut survey = Survey::new(of_nights.to_vec(), true);
+            let mut survey = Survey::new(&of_nights);
             for number in order {
                 let mut counts = night(number as i64, &of_nights[number]);
                 if kept {

@@ -6,8 +6,9 @@
 //! [`super::story`] decides which episodes are of one fault, and which `false_alarms` counts over. A burst holds one
 //! signal of the channel, so bursts and signals are the same number here.
 
-use super::naming::Calls;
-use super::trend::Course;
+use super::bins::{Pooled, TimeBins};
+use super::naming::{Called, Calls};
+use super::trend::{Course, Severities};
 use inkling_core::episodes::Episode;
 use inkling_core::fault;
 use serde::{Deserialize, Serialize};
@@ -37,6 +38,11 @@ impl BurstCounts {
         } else {
             self.first_quiet_ns = self.first_quiet_ns.into_iter().chain([t_ns]).min();
         }
+    }
+
+    /// Number of bursts that were not flagged.
+    pub fn quiet(&self) -> u64 {
+        self.judged - self.flagged
     }
 
     /// Adds the counts of another stretch of time.
@@ -104,35 +110,53 @@ pub struct Watched {
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 struct Said {
     /// Which of them are named by a category, for each one met.
-    calls: BTreeMap<String, Calls>,
-    /// All of them as not named: what the calls of a new category begin with.
-    unnamed: Calls,
+    calls: Followed<Called>,
     /// Their severities, by the quantity that they measure. A burst without a size in a quantity counts there as
     /// missed.
-    courses: BTreeMap<String, Course>,
-    /// All of them as missed: what the course of a new quantity begins with.
-    missed: Course,
+    courses: Followed<Severities>,
 }
 
-/// What is followed under a name, which begins with `before` if it is new and there is room for it.
-fn followed<'a, T: Clone>(
-    all: &'a mut BTreeMap<String, T>,
-    name: &str,
-    before: &T,
-) -> Option<&'a mut T> {
-    if !all.contains_key(name) && all.len() < MOST_FOLLOWED {
-        all.insert(name.to_owned(), before.clone());
+/// What is followed over time under several names.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(bound = "T: Pooled + Clone + Serialize + serde::de::DeserializeOwned")]
+struct Followed<T: Pooled> {
+    by_name: BTreeMap<String, TimeBins<T>>,
+    /// All of it as of other names: what a new name begins with.
+    others: TimeBins<T>,
+}
+
+impl<T: Pooled + Clone> Followed<T> {
+    /// What is followed under a name, if there is room for it.
+    fn of(&mut self, name: &str) -> Option<&mut TimeBins<T>> {
+        if !self.by_name.contains_key(name) && self.by_name.len() < MOST_FOLLOWED {
+            self.by_name.insert(name.to_owned(), self.others.clone());
+        }
+        self.by_name.get_mut(name)
     }
-    all.get_mut(name)
+
+    /// What is followed under other names, and what new ones begin with.
+    fn but_for(&mut self, is_it: impl Fn(&str) -> bool) -> impl Iterator<Item = &mut TimeBins<T>> {
+        let others = self.by_name.iter_mut().filter(move |(name, _)| !is_it(name));
+        others.map(|(_, bins)| bins).chain([&mut self.others])
+    }
+
+    /// Adds what was followed elsewhere. What only one of both follows is in the other as of other names.
+    fn absorb(&mut self, other: &Followed<T>) {
+        other.by_name.keys().for_each(|name| drop(self.of(name)));
+        for (name, bins) in &mut self.by_name {
+            let there = other.by_name.get(name).unwrap_or(&other.others);
+            bins.absorb(there.clone(), |bin| bin);
+        }
+        self.others.absorb(other.others.clone(), |bin| bin);
+    }
 }
 
 impl Said {
     fn add(&mut self, t_ns: i64, Flagged { category, size, distance, ring }: Flagged<'_>) {
-        let named = category.and_then(|of| followed(&mut self.calls, of, &self.unnamed));
+        let named = category.and_then(|of| self.calls.of(of));
         named.into_iter().for_each(|calls| calls.add(t_ns, true));
-        let others = self.calls.iter_mut().filter(|(of, _)| category != Some(of.as_str()));
-        others.for_each(|(_, calls)| calls.add(t_ns, false));
-        self.unnamed.add(t_ns, false);
+        let others = self.calls.but_for(|of| category == Some(of));
+        others.for_each(|calls| calls.add(t_ns, false));
 
         // a flagged burst without a size in some quantity is counted there, since `trend` corrects for such bursts
         let distance = distance.map(|size| Size { quantity: DISTANCE, size });
@@ -140,31 +164,11 @@ impl Said {
             .map(|(quantity, k)| ring.map(|ring| Size { quantity, size: ring[k] }));
         let sizes = [size, distance, resonance, damping];
         let is_measured = |of: &str| sizes.iter().flatten().any(|size| size.quantity == of);
-        let others = self.courses.iter_mut().filter(|(of, _)| !is_measured(of));
-        others.for_each(|(_, course)| course.miss(t_ns));
-        for Size { quantity, size } in sizes.into_iter().flatten() {
-            let course = followed(&mut self.courses, quantity, &self.missed);
-            course.into_iter().for_each(|course| course.add(t_ns, size));
+        for Size { quantity, size } in sizes.iter().flatten() {
+            let course = self.courses.of(quantity);
+            course.into_iter().for_each(|course| course.add(t_ns, *size));
         }
-        self.missed.miss(t_ns);
-    }
-
-    /// Adds what others say. What only one of both follows is in the other as not named, or as missed.
-    fn absorb(&mut self, other: &Said) {
-        other.calls.keys().for_each(|of| {
-            followed(&mut self.calls, of, &self.unnamed);
-        });
-        for (of, calls) in &mut self.calls {
-            calls.absorb(other.calls.get(of).unwrap_or(&other.unnamed).clone(), |bin| bin);
-        }
-        self.unnamed.absorb(other.unnamed.clone(), |bin| bin);
-        other.courses.keys().for_each(|of| {
-            followed(&mut self.courses, of, &self.missed);
-        });
-        for (of, course) in &mut self.courses {
-            course.absorb(other.courses.get(of).unwrap_or(&other.missed).clone(), |bin| bin);
-        }
-        self.missed.absorb(other.missed.clone(), |bin| bin);
+        self.courses.but_for(is_measured).for_each(|course| course.miss(t_ns));
     }
 }
 
@@ -219,7 +223,8 @@ impl Watch {
         let of_it = self.spells.iter_mut().filter(|spell| spell.recording == recording);
         of_it.zip(&watched.within).for_each(|(spell, counts)| spell.counts.absorb(counts));
         watched.outside.iter().for_each(|counts| self.absorb_outside(counts));
-        self.said.absorb(&watched.said);
+        self.said.calls.absorb(&watched.said.calls);
+        self.said.courses.absorb(&watched.said.courses);
     }
 
     /// Adds bursts outside of episodes.
@@ -231,7 +236,7 @@ impl Watch {
 
     /// Which flagged bursts in episodes are named by `category`; `None` if none is.
     pub fn calls(&self, category: &str) -> Option<&Calls> {
-        self.said.calls.get(category)
+        self.said.calls.by_name.get(category)
     }
 
     /// The watches of the channel before `at_ns`, when it was replaced, and since then, as far as each has episodes. An
@@ -263,7 +268,7 @@ impl Watch {
 
     /// The severities over time that are measured in `quantity`; `None` if there are none.
     pub fn course(&self, quantity: &str) -> Option<&Course> {
-        self.said.courses.get(quantity)
+        self.said.courses.by_name.get(quantity)
     }
 }
 

@@ -285,25 +285,6 @@ mod tests {
     }
 
     #[test]
-    fn whole_sections_set_the_keys_in_them() {
-        let set = ["output={dir=\"x\", layout=\"by-date\"}", "isolate.priors={SDN=2}", "input={}"];
-        let mut keys: Vec<String> = keys(&set.map(String::from)).collect();
-        keys.sort_unstable();
-        assert_eq!(keys, ["input", "isolate.priors.SDN", "output.dir", "output.layout"]);
-    }
-
-    #[test]
-    fn paths_in_a_file_are_relative_to_it_and_paths_on_the_command_line_are_not() {
-        let dir = tempfile::tempdir().unwrap();
-        let file = dir.path().join("pipeline.toml");
-        std::fs::write(&file, "[input]\nrecordings = [\"logs\"]\n[output]\ndir = \"out\"\n")
-            .unwrap();
-        let s = Settings::load(Some(&file), None, &["output.dir=here".into()]).unwrap();
-        assert_eq!(s.input.recordings, [dir.path().join("logs").to_string_lossy()]);
-        assert_eq!(s.output.dir, "here");
-    }
-
-    #[test]
     fn thesis_preset_sets_the_reproduction() {
         let s = Settings::load(None, Some(Preset::Thesis), &[]).unwrap();
         assert_eq!((s.detect.oscillations, s.detect.oscillations_of_ring), (None, Some(1.12)));

@@ -7,7 +7,7 @@
 use toml::{Table, Value};
 
 /// Options of any verb, and what to use instead.
-const OPTIONS: [(&str, &str); 8] = [
+const OPTIONS: [(&str, &str); 9] = [
     (
         "--detectability",
         "train on the same labels; `inkling score --design` says which faults are found",
@@ -22,6 +22,7 @@ const OPTIONS: [(&str, &str); 8] = [
     ("--report", "`score --json` holds the numbers"),
     ("--rotate", "the table is written at the end; `--serve` shows what is going on"),
     ("--threads", "it takes the cores that it is given (`taskset`)"),
+    ("--timings", "`timings` and `phases` of the recording's summary.json say where the time went"),
 ];
 
 /// Settings by their dotted keys, or values of a setting as `key=value`, and what to use instead.

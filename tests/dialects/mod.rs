@@ -10,8 +10,6 @@ use crate::recipes::{own_messages, some};
 use crate::recorded::{Verdicts, sample, verdicts};
 use inkling::burst::Burst;
 use inkling::io::burst_codec;
-use inkling::io::dialect::guess::guess;
-use inkling::io::dialect::plan::ChannelDescription as OfChannel;
 use writers::{Messages, Samples, Written, json, protobuf, ros2};
 
 /// Of two printheads, one without temperatures.
@@ -232,17 +230,16 @@ fn without_a_dialect_it_is_said_what_is_there_and_a_block_to_paste_reads_it() {
     }
 }
 
+/// What a logger says first may be no burst, and costs itself alone.
 #[test]
 fn messages_that_cannot_be_read_are_rows_and_the_others_are_judged() {
     let house = House::new();
     let bursts = bursts();
     let odd = Written {
-        encode: |burst| {
-            let mut bytes = (json().encode)(burst);
-            if burst.first_channel == 1000 {
-                bytes.truncate(100);
-            }
-            bytes
+        encode: |burst| match burst.first_channel {
+            1000 => (json().encode)(burst)[..100].to_vec(),
+            _ if burst.t_acq_ns == some(0, 1)[0].t_acq_ns => b"{\"hello\": 1}".to_vec(),
+            _ => (json().encode)(burst),
         },
         ..json()
     };
@@ -251,47 +248,34 @@ fn messages_that_cannot_be_read_are_rows_and_the_others_are_judged() {
     replay(&house, "r.mcap", "--config s.toml").exits(4); // nothing of the second head
     let summary = house.read_json("out/r.summary.json");
     assert_eq!(summary["counts"]["bursts"], 60);
-    assert_eq!(summary["counts"]["rejected"]["undecodable"], 20);
+    assert_eq!(summary["counts"]["rejected"]["undecodable"], 21);
     let rows = verdicts(&house.path("out/r.verdicts.parquet"));
     // at the messages' log times; the topic names whose they are
     assert!((42..62).all(|log_time| rows.contains_key(&(log_time, "second head".into(), 0))));
 }
 
-/// What a logger says first may be no burst.
-#[test]
-fn one_odd_first_message_costs_itself_alone() {
+/// Ten messages in JSON of which each is changed, and the dialect that reads them.
+fn edited(change: impl Fn(usize, String) -> String) -> House {
     let house = House::new();
-    let greeted = Written {
-        encode: |burst| match burst.t_acq_ns == some(0, 1)[0].t_acq_ns {
-            true => b"{\"hello\": 1}".to_vec(),
-            false => (json().encode)(burst),
-        },
-        ..json()
-    };
-    writers::write(&house.path("r.mcap"), &some(0, 20), &greeted);
+    let mut messages = Messages::default();
+    for (n, burst) in some(0, 10).iter().enumerate() {
+        let text = change(n, String::from_utf8((json().encode)(burst)).unwrap());
+        messages.add(&json(), "/heads/K/burst", 1, text.as_bytes());
+    }
+    house.write("r.mcap", messages.finish());
     house.write("s.toml", JSON);
-    replay(&house, "r.mcap", "--config s.toml").exits(3);
-    let summary = house.read_json("out/r.summary.json");
-    assert_eq!(summary["counts"]["rejected"]["undecodable"], 1);
+    house
 }
 
 /// As Python writes them, what overflows, and what instruments write.
 #[test]
 fn numbers_that_json_does_not_have_cost_their_channel_alone() {
-    let house = House::new();
-    let bursts = some(0, 10);
-    let mut messages = Messages::default();
-    for (burst, word) in
-        bursts.iter().zip(["NaN", "-Infinity", "1e400", "null", "9.9e37"].iter().cycle())
-    {
-        let text = String::from_utf8((json().encode)(burst)).unwrap();
+    const WORDS: [&str; 5] = ["NaN", "-Infinity", "1e400", "null", "9.9e37"];
+    let house = edited(|n, text| {
         let (before, row) = text.split_once("\"samples\":[[").unwrap();
         let (_, rest) = row.split_once(',').unwrap();
-        let text = format!("{before}\"samples\":[[{word},{rest}");
-        messages.add(&json(), "/heads/K/burst", 1, text.as_bytes());
-    }
-    house.write("r.mcap", messages.finish());
-    house.write("s.toml", JSON);
+        format!("{before}\"samples\":[[{},{rest}", WORDS[n % 5])
+    });
     replay(&house, "r.mcap", "--config s.toml").exits(3);
     let counts = &house.read_json("out/r.summary.json")["counts"];
     assert_eq!((&counts["bursts"], &counts["unusable_bursts"]), (&10.into(), &0.into()));
@@ -353,53 +337,11 @@ fn what_cannot_be_decoded_is_told_with_field_and_value() {
         ("{", "[", "no JSON: "),
         ("\"channels\":", "\"channels\":7,\"x\":", "samples are no multiple of 7 channels"),
     ] {
-        let house = House::new();
-        let mut messages = Messages::default();
-        for (n, burst) in some(0, 10).iter().enumerate() {
-            let mut text = String::from_utf8((json().encode)(burst)).unwrap();
-            if n > 3 {
-                text = text.replacen(from, to, 1);
-            }
-            messages.add(&json(), "/heads/K/burst", 1, text.as_bytes());
-        }
-        house.write("r.mcap", messages.finish());
-        house.write("s.toml", JSON);
+        let house = edited(|n, text| if n > 3 { text.replacen(from, to, 1) } else { text });
         let ended = replay(&house, "r.mcap", "--config s.toml -q");
         ended.says("6 messages are no bursts; the first of K is ").says(says);
         house.run("inspect r.mcap --config s.toml").says(says);
     }
-}
-
-#[test]
-fn files_beside_recordings_that_look_like_such_are_told_until_they_were_judged() {
-    let house = House::new();
-    for name in ["a.mcap", "b.MCAP", "c.mcap"] {
-        house.record(&format!("in/{name}"), &some(0, 3));
-    }
-    for name in ["d.mcap.zst", "e.bag", "f_0.db3", "notes.txt", "a.mcap.gz"] {
-        house.write(&format!("in/{name}"), "whatever");
-    }
-    let ended = replay(&house, "in", "-q").exits(0);
-    let ended = ended.says("d.mcap.zst: compressed, and not read: `zstd -d` first");
-    let ended = ended.says("e.bag: a bag of ROS 1").says("f_0.db3: a bag of ROS 2");
-    let told = ended.stderr();
-    assert!(
-        !told.contains("notes") && !told.contains("a.mcap.gz"),
-        "what lies beside it as it was: {told}"
-    );
-    let account = house.read_json("out/run.json");
-    assert_eq!(account["unread"].as_array().unwrap().len(), 3);
-    assert_eq!(account["totals"]["judged"], 3);
-    house.run("inspect in").exits(0).says("d.mcap.zst: compressed");
-    house.ok("report out -o r.html");
-    assert!(house.text("r.html").contains("d.mcap.zst"), "the page says so");
-    // who compresses what was judged is told of it no more
-    std::fs::rename(house.path("in/c.mcap"), house.path("in/c.mcap.lz4")).unwrap();
-    let told = replay(&house, "in", "-q").exits(0).stderr();
-    assert!(told.contains("d.mcap.zst") && !told.contains("c.mcap"), "{told}");
-    house.run("inspect in/d.mcap.zst").exits(1).says("not an MCAP file");
-    house.write("in/g.mcap.zst", [0x28, 0xb5, 0x2f, 0xfd, 0, 0, 0, 0]);
-    house.run("inspect in/g.mcap.zst").exits(1).says("compressed by zstd (decompress it first)");
 }
 
 /// With the feature: `tests/object_stores.py`.
@@ -452,27 +394,6 @@ fn bursts_that_come_late_in_a_recording_without_a_summary_are_found_and_wrong_pa
     house.write("s.toml", JSON.replace("\"samples\"", "\"smaples\""));
     let wrong = replay(&house, "late.mcap", "--config s.toml --force").exits(2);
     wrong.says("samples = \"smaples\": not in its first message");
-}
-
-#[test]
-fn a_proposed_block_does_not_contradict_the_message() {
-    let block = |message: &str| {
-        let of = OfChannel { topic: "/heads/K/burst", message_encoding: "json", schema: None };
-        let message = bytes::Bytes::copy_from_slice(message.as_bytes());
-        guess(&of, &[&message], &["/heads/K/burst"]).unwrap().toml
-    };
-    let data = (0..128).map(|i| i.to_string()).collect::<Vec<_>>().join(",");
-    let of = |fields: &str| block(&format!("{{\"data\":[{data}],{fields}}}"));
-    let both = of("\"channels\":4,\"n\":32");
-    assert!(both.contains("channels = \"channels\"\nsamples_per_channel = \"n\""), "{both}");
-    // 32 x 8 are not 128: one of them is something else
-    let odd = of("\"channels\":32,\"n\":8");
-    assert!(odd.contains("channels = \"channels\"  # ?"), "{odd}");
-    assert!(!odd.contains("samples_per_channel"), "{odd}");
-    let columns = of("\"n\":32");
-    assert!(columns.contains("channels = 4  # ?") && columns.contains("= \"n\""), "{columns}");
-    let neither = of("\"channels\":5,\"n\":7");
-    assert!(neither.contains("channels = \"?\"") && !neither.contains("\"n\""), "{neither}");
 }
 
 /// Bursts as JSON, uncompressed; `samples`: what the field of that name is called.

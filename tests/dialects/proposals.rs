@@ -136,3 +136,21 @@ fn no_single_nozzle_of_an_array_of_objects_is_proposed() {
     assert!(fields(&["ch0"]).contains("samples = \"ch0\""));
     assert!(fields(&["adc1", "filtered"]).contains("samples = "));
 }
+
+#[test]
+fn a_proposed_block_does_not_contradict_the_message() {
+    let data = (0..128).map(|i| i.to_string()).collect::<Vec<_>>().join(",");
+    let of = |fields: &str| {
+        block("json", None, format!("{{\"data\":[{data}],{fields}}}").into(), &["/HA/burst"])
+    };
+    let both = of("\"channels\":4,\"n\":32");
+    assert!(both.contains("channels = \"channels\"\nsamples_per_channel = \"n\""), "{both}");
+    // 32 x 8 are not 128: one of them is something else
+    let odd = of("\"channels\":32,\"n\":8");
+    assert!(odd.contains("channels = \"channels\"  # ?"), "{odd}");
+    assert!(!odd.contains("samples_per_channel"), "{odd}");
+    let columns = of("\"n\":32");
+    assert!(columns.contains("channels = 4  # ?") && columns.contains("= \"n\""), "{columns}");
+    let neither = of("\"channels\":5,\"n\":7");
+    assert!(neither.contains("channels = \"?\"") && !neither.contains("\"n\""), "{neither}");
+}

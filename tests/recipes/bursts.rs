@@ -240,7 +240,7 @@ fn deadened(burst: &Burst, dead: Range<usize>) -> Burst {
 }
 
 /// Bursts of at most so many channels each, with one covariate value for all of a burst or one for each channel.
-pub fn divided(burst: &Burst, most: u32) -> Vec<Burst> {
+fn divided(burst: &Burst, most: u32) -> Vec<Burst> {
     let (firsts, counts) = ((0..burst.channels).step_by(most as usize), counts(burst));
     let part = |first: u32| {
         let rows = first as usize..(first + most).min(burst.channels) as usize;

@@ -3,7 +3,7 @@
 mod bursts;
 mod shows;
 
-pub use bursts::{divided, made, on_day, some};
+pub use bursts::{made, on_day, some};
 pub use shows::{is_inert, results, results_in};
 
 use crate::by_hand::by_hand;

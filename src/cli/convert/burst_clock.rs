@@ -227,46 +227,6 @@ fn zone(text: &[u8]) -> (i64, &[u8]) {
 mod tests {
     use super::*;
 
-    fn begun(start_ns: Option<i64>, every_s: Option<f64>) -> BurstClock {
-        let mut clock = BurstClock::default();
-        clock.start_at(start_ns, every_s);
-        clock
-    }
-
-    fn starts(clock: &mut BurstClock, times_s: &[f64], length_s: f64) -> Option<Vec<i64>> {
-        let length_ns = length_s * 1e9;
-        let next = |t: &f64| clock.next(Some((0, *t * 1e9)), length_ns, length_ns / 10.0);
-        times_s.iter().map(next).collect()
-    }
-
-    #[test]
-    fn bursts_stand_where_the_table_has_them_or_follow_each_other() {
-        let mut clock = begun(Some(5_000), None);
-        let at = starts(&mut clock, &[0.007, 0.1, 0.11], 0.01).unwrap();
-        assert_eq!((at, clock.moved), (vec![5_000, 93_005_000, 103_005_000], 0));
-        let mut clock = begun(Some(0), None);
-        let at = starts(&mut clock, &[0.0, 0.0, 3.0], 10.0).unwrap();
-        assert_eq!((at, clock.moved), (vec![0, 10_000_000_000, 20_000_000_000], 2));
-        assert!(starts(&mut begun(Some(0), None), &[0.0, 1e12], 1.0).is_none());
-    }
-
-    #[test]
-    fn times_since_the_epoch_and_others_are_mixed_unless_others_say_when_bursts_begin() {
-        let epoch = Some((1_793_520_000_000_000_000, 0.0));
-        for (first, second, every_s, mixes) in [
-            (Some((0, 5.0)), epoch, None, true),
-            (epoch, Some((0, 5.0)), None, true),
-            (epoch, None, None, true),
-            (epoch, epoch, None, false),
-            (None, Some((0, 5.0)), None, false),
-            (epoch, None, Some(0.5), false),
-        ] {
-            let mut clock = begun(None, every_s);
-            assert!(!clock.mixes(first) && clock.next(first, 1.0, 1.0).is_some());
-            assert_eq!(clock.mixes(second), mixes, "{first:?} {second:?}");
-        }
-    }
-
     #[test]
     fn times_are_found_in_names() {
         let at = |text: &str| {

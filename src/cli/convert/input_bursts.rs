@@ -148,39 +148,3 @@ impl Times {
         })
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn times(unit: Option<TimeUnit>, first: f64) -> Result<Times, String> {
-        let decays = vec![Decay { times: vec![first], ..Decay::default() }];
-        let (time, outputs, left_out) = (Some("t".to_owned()), Vec::new(), Vec::new());
-        let table = Table { time, unit, left_out, outputs, decays, rows_are_bursts: false };
-        Times::of(&table, &Columns::default()).map(|times| times.expect("a column of times"))
-    }
-
-    #[test]
-    fn times_without_a_unit_are_known_by_their_size_or_asked_for() {
-        let ns = |first: f64| times(None, first).map(|times| times.unit.ns);
-        let all = [0.5, 1.77e9, 1.77e12, 1.77e15, 1.77e18].map(ns);
-        assert_eq!(all, [1e9, 1e9, 1e6, 1e3, 1.0].map(Ok));
-        // what is said has precedence
-        assert_eq!(times(TimeUnit::called("ms"), 1.77e15).unwrap().unit.ns, 1e6);
-        // 2026-11-01T08:00:00Z, as spreadsheets, MATLAB and astronomers count
-        let at = |times: Vec<f64>, base: i64| Decay { times, base, ..Decay::default() };
-        for day in [46_327.0, 740_287.0, 2_461_345.5] {
-            assert!(times(None, day).unwrap_err().contains("--time-unit d"), "{day}");
-            let days = times(Some(TimeUnit::DAYS), day).unwrap();
-            let (base, after) = days.begin(&at(vec![day + 8.0 / 24.0], 0)).unwrap();
-            assert!(base == 0 && (after - 1_793_520_000e9).abs() < 1e5, "{day}: {after}");
-        }
-        let two = times(Some(TimeUnit::DAYS), 2.0).unwrap();
-        assert_eq!(two.begin(&at(vec![2.0], 0)), Some((0, 2.0 * 8.64e13)));
-        let seconds = times(None, 1.7e9).unwrap();
-        assert_eq!(
-            seconds.begin(&at(vec![0.25], 1 << 30)),
-            Some(((1 << 30) * 1_000_000_000, 2.5e8))
-        );
-    }
-}

@@ -79,7 +79,6 @@ pub fn take_seat(all: &Seat, most: usize) -> Option<Seat> {
 
 /// Most bytes of a request's head: browsers send less.
 const MOST_BYTES: usize = 8 << 10;
-const MOST_HEADERS: usize = 64;
 
 /// The parts of a request that matter here.
 pub struct Request {
@@ -139,9 +138,6 @@ impl Request {
         let [method, url, "HTTP/1.0" | "HTTP/1.1"] = first[..] else { return Err(NO_HTTP) };
         let headers: Option<Vec<(&str, &str)>> = lines.map(|line| line.split_once(':')).collect();
         let headers = headers.ok_or(NO_HTTP)?;
-        if headers.len() > MOST_HEADERS {
-            return Err(TOO_LARGE);
-        }
         let header = |name: &str| {
             let found = headers.iter().find(|(of, _)| of.eq_ignore_ascii_case(name));
             found.map_or("", |(_, value)| value.trim())

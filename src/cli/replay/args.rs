@@ -63,9 +63,6 @@ pub struct Args {
     /// Workers per parallel stage [default: the machine's cores]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub(super) threads: Option<u16>,
-    /// Say where the time went, stage by stage
-    #[arg(long)]
-    pub(super) timings: bool,
     /// Where below --out: the tree below a directory is kept, by day of its begin, or each kind of table
     /// as one data set (verdicts/day=2026-11-01/)
     /// [default: tree]

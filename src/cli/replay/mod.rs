@@ -199,7 +199,6 @@ fn checked_and_judged(
             progress: &progress,
             account,
             json: args.json,
-            timings: args.timings,
             annotate: args.annotate,
             is_alone,
             tells_all: !args.is_told_by_others,

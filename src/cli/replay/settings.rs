@@ -24,7 +24,7 @@ use inkling_core::isolate::IsolateMethod;
 use inkling_io::baseline_file::BaselineFile;
 use inkling_io::journal::{JOURNAL_NAME, Means};
 use inkling_io::{design_file, digest, labels_file};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// The settings file that is read if no recording is named.
 const PIPELINE_TOML: &str = "pipeline.toml";
@@ -73,8 +73,6 @@ fn settings_by(args: &Args, design: &Design) -> Result<Settings, Failure> {
 /// their own. `kept`: what the design keeps, as `KEY=VALUE`. A run without any recording is
 /// refused.
 fn settings(args: &Args, kept: &[String]) -> Result<Settings, Failure> {
-    refuse_given_twice(args)?;
-
     // ./pipeline.toml is only read where no recordings are named
     let here = Path::new(PIPELINE_TOML);
     let file = match &args.config {
@@ -86,61 +84,59 @@ fn settings(args: &Args, kept: &[String]) -> Result<Settings, Failure> {
     // of several values for a key the last one wins, so the strongest come last
     let mut overrides = kept.to_vec();
     overrides.extend(args.set.iter().cloned());
-    for (key, value) in [
-        ("output.dir", &args.out),
-        ("input.design", &args.design),
-        ("input.baseline", &args.baseline),
-    ] {
+    for (option, key, value) in with_keys(args)? {
         let Some(value) = value else { continue };
-        let text = value.to_str().ok_or_else(|| {
-            let what = "a name that is not UTF-8, which cannot be kept in results: rename it";
-            Failure::usage(format!("{}: {what}", value.display()))
-        })?;
-        overrides.push(format!("{key}={}", toml::Value::from(text)));
+        // one of the two would have no effect
+        if keys(&args.set).any(|set| set == key) {
+            return Err(Failure::usage(format!(
+                "--set {key}: {option} says that already, and would win: give one of the two"
+            )));
+        }
+        // a list of recordings would stand in every sentence about settings
+        if key != RECORDINGS {
+            overrides.push(format!("{key}={value}"));
+        }
     }
-    overrides.extend(args.identify.as_ref().map(|mode| format!("identify.mode={mode}")));
-    overrides.extend(args.layout.as_ref().map(|layout| format!("output.layout={layout}")));
     let preset = args.preset.as_ref().map(|_| Preset::Thesis); // the only one, as clap has checked
     let mut settings = Settings::load(file, preset, &overrides)?;
-
-    // these have types of their own, and are set without being written as text before
     if !args.recordings.is_empty() {
         settings.input.recordings.clone_from(&args.recordings);
-    }
-    if let Some(pace) = args.pace {
-        settings.replay.pace = pace;
-    }
-    if let Some(threads) = args.threads {
-        settings.replay.threads = threads.into();
     }
     if settings.input.recordings.is_empty() {
         return Err(Failure::usage(format!(
             "no recordings: name files, directories or patterns, or run where a {PIPELINE_TOML} \
-             names them in input.recordings"
+             names them in {RECORDINGS}"
         )));
     }
     Ok(settings)
 }
 
-/// Refuses a setting that both an option and `--set` give, since one of the two would have no effect.
-fn refuse_given_twice(args: &Args) -> Result<(), Failure> {
-    let options = [
-        ("--out", "output.dir", args.out.is_some()),
-        ("--design", "input.design", args.design.is_some()),
-        ("--baseline", "input.baseline", args.baseline.is_some()),
-        ("--pace", "replay.pace", args.pace.is_some()),
-        ("--identify", "identify.mode", args.identify.is_some()),
-        ("--layout", "output.layout", args.layout.is_some()),
-        ("--threads", "replay.threads", args.threads.is_some()),
-        ("the command line", "input.recordings", !args.recordings.is_empty()),
-    ];
-    let is_set = |key: &str| keys(&args.set).any(|set| set == key);
-    match options.iter().find(|(_, key, is_given)| *is_given && is_set(key)) {
-        Some((option, key, _)) => Err(Failure::usage(format!(
-            "--set {key}: {option} says that already, and would win: give one of the two"
-        ))),
-        None => Ok(()),
-    }
+const RECORDINGS: &str = "input.recordings";
+
+/// The options that have a key of their own, and their values where they are given.
+type WithKeys = [(&'static str, &'static str, Option<toml::Value>); 8];
+
+fn with_keys(args: &Args) -> Result<WithKeys, Failure> {
+    let path = |path: &Option<PathBuf>| {
+        let text = path.as_ref().map(|path| {
+            let what = "a name that is not UTF-8, which cannot be kept in results: rename it";
+            let wrong = || Failure::usage(format!("{}: {what}", path.display()));
+            path.to_str().map(toml::Value::from).ok_or_else(wrong)
+        });
+        text.transpose()
+    };
+    let word = |word: &Option<String>| word.as_deref().map(toml::Value::from);
+    let recordings = Some(&args.recordings).filter(|all| !all.is_empty());
+    Ok([
+        ("--out", "output.dir", path(&args.out)?),
+        ("--design", "input.design", path(&args.design)?),
+        ("--baseline", "input.baseline", path(&args.baseline)?),
+        ("--pace", "replay.pace", args.pace.and_then(|pace| toml::Value::try_from(pace).ok())),
+        ("--identify", "identify.mode", word(&args.identify)),
+        ("--layout", "output.layout", word(&args.layout)),
+        ("--threads", "replay.threads", args.threads.map(|n| i64::from(n).into())),
+        ("the command line", RECORDINGS, recordings.map(|all| all.clone().into())),
+    ])
 }
 
 /// Reads labels and baselines, and puts the means of judging together. `read`: the design, if there
