@@ -190,7 +190,7 @@ fn planted(effects: &[Effect], strengths: &[f64], first_seed: u64, count: usize)
 
 /// What became of all cases, on two threads; what was not right is printed.
 fn judged(cases: &[Case]) -> BTreeMap<Outcome, usize> {
-    let all = Mutex::new(BTreeMap::new());
+    let all = Mutex::new(BTreeMap::<Outcome, usize>::new());
     on_two_threads(cases, |case| {
         let said = case.heard().critique();
         let answer: CritiqueAnswer =
