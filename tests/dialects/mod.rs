@@ -143,7 +143,6 @@ fn a_dialect_that_cannot_take_effect_says_what_there_is() {
         (p(set("schema =", "format = \"s16le\"\nschema =")), "leave format out"),
         (j(set("\"samples\"", "\"smaples\"")), "samples (number[][])"),
         (j(set("\"period\"", "\"dt\"")), "period_s = \"dt\": not in its first message"),
-        (j(set("header.stamp", "header")), "header"),
         (j(set("\"period\"", "\"header.id\"")), "period_s = \"header.id\": is text, not a number"),
         (j(set("\"channels\"", "\"period\"")), "channels = \"period\": is not a whole number"),
         (
