@@ -6,8 +6,7 @@
 //! (`account.json`). What decides whether a recording is judged again is the ledger's; what is written here can be made
 //! again.
 
-use super::account::{Account, End, MOST_RUN_BYTES, RUN_NAME, Row};
-use super::acknowledge::ACKNOWLEDGED_NAME;
+use super::account::{Account, End, RUN_NAME, Row};
 use super::annotate::{self, NotAnnotated};
 use super::exit::{Exit, Failure, in_words, unless_reader_gone};
 use super::judge::{Judged, Run};
@@ -21,8 +20,8 @@ use super::results;
 use crate::report::print as print_report;
 use inkling_io::file_error::FileError;
 use inkling_io::job::Job;
-use inkling_io::journal::{CountedMessage, Entry, JOURNAL_NAME, Outcome};
-use inkling_io::{annotation_writer, printable, regular_file, stored};
+use inkling_io::journal::{CountedMessage, Entry, Outcome};
+use inkling_io::{annotation_writer, printable, stored};
 use serde_json::{Value, json};
 use std::io::Write;
 use std::path::Path;
@@ -198,11 +197,6 @@ impl Teller<'_> {
     /// Writes the account of all recordings of the directory of results, and prints their cleaning list if there
     /// are at least two.
     fn tell_all(&self, run: &Run, lists: bool) -> Result<(), Failure> {
-        let account = self.out.join(ACCOUNT_NAME);
-        let is_nothing_new = self.account.rows.iter().all(|row| row.skipped) && self.is_current();
-        if is_nothing_new && !lists {
-            return Ok(());
-        }
         let settings = &run.replay.settings.report;
         let found = results::find(&[self.out.to_string_lossy().into()], "an account");
         let read = found.and_then(|inputs| {
@@ -212,7 +206,7 @@ impl Teller<'_> {
         });
         match read {
             Ok((recordings, report)) => {
-                write_json(&account, &report.account())?;
+                write_json(&self.out.join(ACCOUNT_NAME), &report.account())?;
                 if lists && recordings >= 2 {
                     let print = print_report(&report, printable::line, &mut output::report());
                     unless_reader_gone(print)?;
@@ -223,19 +217,6 @@ impl Teller<'_> {
             Err(e) => self.fail(&format!("no {ACCOUNT_NAME} of this run: {}", e.message)),
         }
         Ok(())
-    }
-
-    /// Whether `account.json` tells of everything, and is not older than the journal and the acknowledgements.
-    fn is_current(&self) -> bool {
-        let account = regular_file::read(&self.out.join(ACCOUNT_NAME), MOST_RUN_BYTES);
-        let account: Value =
-            serde_json::from_slice(&account.unwrap_or_default()).unwrap_or_default();
-        if account["complete"] != true {
-            return false;
-        }
-        let at = |name: &str| stored::stamp(&self.out.join(name)).ok()?.modified_ns;
-        let told = [JOURNAL_NAME, ACKNOWLEDGED_NAME].map(at);
-        at(ACCOUNT_NAME).is_some_and(|at| told.into_iter().flatten().all(|of| of <= at))
     }
 
     /// Prints a row as a JSON line, if these are asked for.

@@ -9,7 +9,7 @@ use super::counts::Tally;
 use super::fault::Fault;
 use super::source::Source;
 use super::survey::{Head, Survey};
-use super::words::{counted, percent, thousands};
+use super::words::{counted, first_of, percent, thousands};
 use inkling_core::verdict::at_once::{ADVICE, FEWEST_CHANNELS, MOST_AT_ONCE};
 use std::sync::Arc;
 
@@ -71,17 +71,13 @@ fn overlaps(survey: &Survey, sources: &[Source]) -> Option<String> {
     let pairs = overlapping_recordings(survey);
     let name = |k: usize| sources.get(k).map_or("", |source| source.name.as_str());
     let both = |&(a, b): &(usize, usize)| format!("{} and {}", name(a), name(b));
-    let named: Vec<String> = pairs.iter().take(MOST_NAMED).map(both).collect();
-    let more = match pairs.len().saturating_sub(MOST_NAMED) {
-        0 => String::new(),
-        n => format!(", and {} more", counted(n as u64, "pair")),
-    };
+    let named: Vec<String> = pairs.iter().map(both).collect();
     (!pairs.is_empty()).then(|| {
         format!(
-            "Recordings overlap in time on {}: {}{more}. What two of them hold counts twice; or a clock \
+            "Recordings overlap in time on {}: {}. What two of them hold counts twice; or a clock \
              was wrong, or two printheads have one name.",
             counted(heads as u64, "printhead"),
-            named.join(", ")
+            first_of(&named, MOST_NAMED, ", ")
         )
     })
 }

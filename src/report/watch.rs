@@ -142,7 +142,9 @@ impl<T: Pooled + Clone> Followed<T> {
 
     /// Adds what was followed elsewhere. What only one of both follows is in the other as of other names.
     fn absorb(&mut self, other: &Followed<T>) {
-        other.by_name.keys().for_each(|name| drop(self.of(name)));
+        for name in other.by_name.keys() {
+            let _ = self.of(name);
+        }
         for (name, bins) in &mut self.by_name {
             let there = other.by_name.get(name).unwrap_or(&other.others);
             bins.absorb(there.clone(), |bin| bin);
