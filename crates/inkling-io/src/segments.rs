@@ -39,7 +39,7 @@ pub(super) fn cut(decays: Vec<Decay>) -> (Vec<Decay>, usize) {
                 times: decay.times[from..to].to_vec(),
                 base: decay.base,
                 outputs: decay.outputs.iter().map(|of| of[from..to].to_vec()).collect(),
-                beside: decay.beside.clone(),
+                beside: decay.beside.iter().map(|of| of[from..to].to_vec()).collect(),
             });
         }
     }
@@ -156,7 +156,8 @@ mod tests {
     use super::*;
 
     fn decay(times: Vec<f64>) -> Decay {
-        Decay { line: 2, outputs: vec![times.clone()], times, ..Decay::default() }
+        let [outputs, beside] = [(); 2].map(|()| vec![times.clone()]);
+        Decay { line: 2, outputs, beside, times, ..Decay::default() }
     }
 
     fn grid(samples: usize, begins: f64) -> impl Iterator<Item = f64> {
@@ -180,6 +181,7 @@ mod tests {
             assert_eq!((n, decays.len()), (segments, segments.max(1)), "{begins:?} {last}");
             assert!(n == 0 || (decays[1].line, &*decays[1].name) == (22, "segment 2"));
             assert!(decays.iter().all(|decay| decay.outputs[0] == decay.times));
+            assert!(decays.iter().all(|decay| decay.beside[0][0] == decay.times[0]));
         }
     }
 
