@@ -30,7 +30,9 @@ fn made(house: &House) -> Vec<(f64, u32)> {
 #[test]
 fn a_unit_that_is_not_understood_is_refused_and_an_option_gives_it() {
     let house = House::new();
-    for name in ["Time (shakes)", "t [10 us]", "time_ticks", "Time in samples", "t/1e-6 s"] {
+    for name in
+        ["Time (shakes)", "t [10 us]", "time_ticks", "Time in samples", "t/1e-6 s", "t_100ns"]
+    {
         house.write("t.csv", format!("{name},a,b\n{}", rows(1.0, ',')));
         house
             .run("convert t.csv -o t.mcap")
@@ -285,4 +287,48 @@ fn tables_that_are_no_more_of_the_same_and_periods_that_times_contradict_are_ref
         told.exits(1).says("its times say one sample every 1.000e-6 s");
     }
     house.ok("convert dt.csv -o t.mcap --outputs a --period-s 1.01e-6");
+}
+
+/// Three acquisitions of each of these printheads, 20 ms apart, each with a temperature of its own.
+fn acquisitions(heads: &[&str], begin_us: u64) -> String {
+    let mut text = String::from("t_us,head,ink_C,y\n");
+    for head in heads {
+        for n in 0..3 {
+            for k in 0..20 {
+                let t = begin_us + n * 20_000 + k;
+                writeln!(text, "{t},{head},{},{}", 25 + n, k % 7).unwrap();
+            }
+        }
+    }
+    text
+}
+
+#[test]
+fn each_acquisition_of_a_table_has_its_own_temperature_and_printheads_overlap() {
+    let house = House::new();
+    for begin_us in [0, 1_793_516_400_000_000] {
+        for heads in [&["K1"][..], &["K1", "K2"]] {
+            house.write("t.csv", acquisitions(heads, begin_us));
+            let options = "--printhead head --temperature ink_C -o t.mcap";
+            let told = house.ok(&format!("convert t.csv {options}"));
+            assert!(!told.contains("put after it"), "{told}");
+            let made = bursts(&house.path("t.mcap"));
+            let of_head = |name: &str| -> Vec<(i64, Option<f64>)> {
+                let of = made.iter().filter(|burst| &*burst.printhead == name);
+                let began = made[0].t_acq_ns;
+                of.map(|burst| (burst.t_acq_ns - began, burst.temperature_c)).collect()
+            };
+            for name in heads {
+                let expected = [0, 1, 2].map(|n| (n * 20_000_000, Some(25.0 + n as f64)));
+                assert_eq!(of_head(name), expected, "{name}");
+            }
+        }
+    }
+}
+
+#[test]
+fn the_begin_of_a_table_is_named_as_text_whatever_separates_its_cells() {
+    let house = House::new();
+    house.write("t.txt", format!("Exported by X\nt_s\ta\tb\n{}", rows(1e6, '\t')));
+    house.run("convert t.txt -o t.mcap").exits(1).says("at line 2 (t_s a b): --skip-lines 1");
 }

@@ -53,7 +53,11 @@ pub(super) fn length(times: &[f64], fewest_steps: f64) -> Option<usize> {
     // times with few digits stand still for most rows
     let mut moved: Vec<f64> = steps.iter().copied().filter(|step| *step != 0.0).collect();
     let far = if moved.is_empty() { 0.0 } else { fewest_steps * median(&mut moved) };
-    let begins = |at: usize| steps[at - 1] < 0.0 || steps[at - 1] > far;
+    // rows that were swapped go back by a step or so, and not to the begin
+    let begins = |at: usize| {
+        let is_back = steps[at - 1] < 0.0 && times[at] <= times[0];
+        is_back || steps[at - 1].abs() > far
+    };
     let length = (1..times.len()).find(|at| begins(*at)).filter(|n| *n >= FEWEST_SAMPLES)?;
     let last = times.len() % length;
     let is_regular = (1..times.len()).all(|at| begins(at) == at.is_multiple_of(length));
@@ -172,6 +176,7 @@ mod tests {
             ([0.0, 1000.0, 2000.0], 17, 3),
             ([0.0, 1000.0, 2000.0], 3, 0),
             ([0.0, 25.0, 50.0], 20, 0), // as if five rows were missing
+            ([0.0, 18.0, 36.0], 20, 0), // as if rows were out of order
         ] {
             let times = begins
                 .iter()
