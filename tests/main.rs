@@ -8,6 +8,7 @@ mod recorded; // bursts, recordings and tables: read, written, changed
 
 mod clocks; // a clock that was wrong changes nothing that is told of faults
 mod contracts; // pipeline.toml = defaults, schemas = code, sample_logs regenerate and retrain
+mod convert; // each acquisition of a table has the values beside its own rows
 mod dialects; // recordings of others: any encoding, tables; paths that lead nowhere; hostile schemas
 mod failing_calls; // every call of the system fails in turn: the next run makes what an undisturbed one makes
 mod floors; // imports go down only

@@ -330,6 +330,11 @@ fn what_cannot_be_decoded_is_told_with_field_and_value() {
     for (from, to, says) in [
         ("\"sec\":", "\"sec\":\"late\",\"x\":", "header.stamp: no seconds and"),
         ("\"period\":", "\"period\":\"fast\",\"x\":", "period: \"fast\" is no number"),
+        (
+            "\"samples\":[[",
+            "\"adc\":[[",
+            "samples is not in the message; fields that exist: adc (number[][])",
+        ),
         ("\"channels\":", "\"channels\":-3,\"x\":", "channels: -3 is no whole number of 0 or more"),
         ("\"samples\":[[", "\"samples\":[[1],[", "samples: what it holds is no array of numbers"),
         ("{", "[", "no JSON: "),

@@ -119,6 +119,60 @@ fn a_period_that_varies_between_messages_is_a_question() {
     }
 }
 
+/// The block that is proposed for JSON messages, each of these fields and of so many rings of 128 samples.
+fn block_of(messages: &[(usize, &str)]) -> String {
+    let of = ChannelDescription { topic: "/HA/adc", message_encoding: "json", schema: None };
+    let message = |(channels, fields): &(usize, &str)| {
+        bytes::Bytes::from(format!("{{\"adc\":{:?},{fields}}}", ring(*channels, 128, false)))
+    };
+    let messages: Vec<bytes::Bytes> = messages.iter().map(message).collect();
+    let messages: Vec<&bytes::Bytes> = messages.iter().collect();
+    guess(&of, &messages, &["/HA/adc", "/HB/adc"]).unwrap().toml
+}
+
+#[test]
+fn the_field_that_holds_the_number_of_channels_of_all_topics_is_proposed() {
+    for (messages, says) in [
+        (&[(32, "\"n_ch\":32"), (16, "\"n_ch\":16")][..], "channels = \"n_ch\"  # by the samples"),
+        (&[(16, "\"n_ch\":16"), (32, "\"n_ch\":32")], "channels = \"n_ch\"  # by the samples"),
+        (&[(32, "\"gain\":32"), (16, "\"gain\":32")], "channels = 32 "),
+        (&[(32, "\"seq\":32"), (32, "\"seq\":33")], "channels = 32 "),
+        (&[(32, "\"a\":32,\"b\":32")], "channels = \"a\"  # ? or b; by the samples"),
+        (&[(6, "\"ch\":6"), (6, "\"ch\":6")], "channels = \"ch\"  # by the samples"),
+        (&[(6, "\"ch\":6"), (6, "\"ch\":7")], "first_channel = \"ch\""),
+        (&[(1, "\"ch\":4")], "first_channel = \"ch\""),
+    ] {
+        let block = block_of(messages);
+        assert!(block.contains(says), "{messages:?}: {block}");
+        assert_eq!(block.contains("first_channel"), says.contains("first_channel"), "{block}");
+    }
+}
+
+#[test]
+fn numbers_that_are_dates_are_times_and_what_is_called_time_and_cannot_be_read_is_told() {
+    for (fields, says) in [
+        (["\"ts\":1793516400.02", "\"ts\":1793516400.04"], "time = \"ts\"  # ? by its numbers"),
+        (["\"at_ms\":1793516400020", "\"at_ms\":1793516400040"], "time = \"at_ms\"  # ?"),
+        (["\"serial\":1793516400", "\"serial\":1793516400"], ""),
+        (["\"crc\":1793516400", "\"crc\":1293516400"], ""),
+        (["\"stamp\":[1793516400,0]", "\"stamp\":[1793516400,9]"], "as stamp is number[], not ns"),
+        (
+            ["\"time\":\"2026-11-01 08:00:00.000\"", "\"time\":\"\""],
+            "as time is text, not ns as an",
+        ),
+        (["\"time_source\":\"gps\"", "\"time_source\":\"gps\""], ""),
+    ] {
+        let block = block_of(&fields.map(|fields| (8, fields)));
+        assert!(block.contains(says), "{fields:?}: {block}");
+        let is_left_out = block.contains("\n# time: left out, as ");
+        assert_eq!(
+            (block.contains("\ntime = "), is_left_out),
+            (says.starts_with("time"), says.starts_with("as")),
+            "{block}"
+        );
+    }
+}
+
 #[test]
 fn no_single_nozzle_of_an_array_of_objects_is_proposed() {
     let objects = |n: usize| {

@@ -205,7 +205,8 @@ impl Row<'_> {
         let time = chosen.time.map(|c| self.moment(c).map_err(|what| chosen.of_column(c, &what)));
         let printhead = self.name(chosen.printhead, "printhead")?;
         chosen.check_names("", &printhead)?;
-        let beside = chosen.beside.iter().map(|&c| cell(c)).collect::<Result<_, _>>()?;
+        let beside =
+            chosen.beside.iter().map(|&c| Ok(vec![cell(c)?])).collect::<Result<_, String>>()?;
         let mut burst = Decay { printhead, line, outputs, beside, ..Decay::default() };
         time.transpose()?.into_iter().for_each(|time| burst.push_time(time));
         Ok(burst)
@@ -295,13 +296,17 @@ mod tests {
     use std::sync::Arc;
 
     fn reread(columns: [(&str, ArrayRef); 2]) -> Table {
+        reread_by(columns, &Columns::default())
+    }
+
+    fn reread_by<const N: usize>(columns: [(&str, ArrayRef); N], chosen: &Columns) -> Table {
         let batch = RecordBatch::try_from_iter(columns).unwrap();
         let (_dir, path) = place("t.parquet");
         let file = std::fs::File::create(&path).unwrap();
         let mut writer = ArrowWriter::try_new(file, batch.schema(), None).unwrap();
         writer.write(&batch).unwrap();
         writer.close().unwrap();
-        read(&path, &Columns::default()).unwrap()
+        read(&path, chosen).unwrap()
     }
 
     #[test]
@@ -318,6 +323,15 @@ mod tests {
             assert_eq!((decay.base, &*decay.times), (ns + 1, &[0.0, 781.0][..]));
             assert_eq!(decay.outputs, [[1.5, -0.25]]);
         }
+    }
+
+    #[test]
+    fn what_stands_beside_samples_is_kept_row_by_row() {
+        let times: ArrayRef = Arc::new(Float64Array::from(vec![0.0, 1.0, 50.0]));
+        let warm: ArrayRef = Arc::new(Float64Array::from(vec![25.0, 25.0, 26.0]));
+        let beside = Columns { beside: vec!["warm".into()], ..Columns::default() };
+        let table = reread_by([("t", times.clone()), ("y", times), ("warm", warm)], &beside);
+        assert_eq!(table.decays[0].beside, [[25.0, 25.0, 26.0]]);
     }
 
     /// A time column named so, whose type says seconds, and a list of two channels.

@@ -5,8 +5,7 @@
 //! `table_text.rs` reads the records, `csv_cells.rs` their cells. With semicolon and tab, decimal commas are read,
 //! too; lines that begin with `#` are passed over, and a row of units below the names is read (`csv_units.rs`). No
 //! cell of times and outputs is dropped silently: a cell that is no number is an error that names the line, and so is
-//! a missing time; a missing output is kept as NaN, and `sampling.rs` counts it. Of the columns beside them
-//! ([`Columns::beside`]) only the first row of each decay is read.
+//! a missing time; a missing output is kept as NaN, and `sampling.rs` counts it.
 
 use super::csv_cells::{Cells, Grouped, no_number, unquoted};
 use super::csv_units::{self, Units};
@@ -129,7 +128,8 @@ fn choose(header: &StringRecord, columns: &Columns, cells: Cells) -> Result<Chos
         Err("the first line holds numbers: it must name the columns, without a # before them"
             .to_owned())
     };
-    if names.iter().all(is_number) {
+    let is_row = names.iter().all(|name| cells.number(name).is_some());
+    if is_row && names.iter().any(is_number) && !are_counted(&names) {
         return unnamed();
     }
     if let ([only], false) = (&names[..], columns.rows_are_samples) {
@@ -144,6 +144,14 @@ fn choose(header: &StringRecord, columns: &Columns, cells: Cells) -> Result<Chos
         true => unnamed(),
         false => Ok(chosen),
     }
+}
+
+/// Whether names are numbers that count columns behind an empty one, as pandas writes them above its index.
+fn are_counted(names: &[String]) -> bool {
+    let counts = |first: usize| {
+        names[1..].iter().enumerate().all(|(n, name)| *name == (first + n).to_string())
+    };
+    names[0].is_empty() && (counts(0) || counts(1))
 }
 
 #[cfg(test)]

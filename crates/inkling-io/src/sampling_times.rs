@@ -29,7 +29,8 @@ impl TimeColumn<'_> {
     pub(super) fn by_rows(self, decay: &Decay) -> String {
         let TimeColumn { name, unit_s } = self;
         let mean = segments::mean_step(&decay.times);
-        let mean = mean.map_or(String::new(), |mean| format!(" {}", rounded(mean * unit_s)));
+        let mean =
+            mean.map_or(String::new(), |mean| format!(" {} (about)", rounded(mean * unit_s)));
         let and = match has_word_for_time(name) {
             true => String::new(),
             false => format!(" with --time {name:?}"),
@@ -79,6 +80,10 @@ fn not_increasing(decay: &Decay, k: usize, time: TimeColumn) -> String {
              apart with --burst",
             k + 1
         ),
+        (None, 0) if is_one_swap(&decay.times, k) => format!(
+            "{name:?}: its rows {k} and {} are out of order, {before} and then {after}: sort the rows by it",
+            k + 1
+        ),
         (None, 0) if is_time(name) => format!(
             "{name:?} does not increase at its row {}: {after} after {before}; sort the rows, or name \
              the column that tells decays apart with --burst (time: --time)",
@@ -95,6 +100,13 @@ fn not_increasing(decay: &Decay, k: usize, time: TimeColumn) -> String {
             time.by_rows(decay)
         ),
     }
+}
+
+/// Whether times increase, but for row `k` and the one before, of which each stands in the other's place.
+fn is_one_swap(times: &[f64], k: usize) -> bool {
+    let mut times = times.to_vec();
+    times.swap(k - 1, k);
+    times.is_sorted_by(|a, b| a < b)
 }
 
 /// The sample period of regular times, in their unit: the slope of the times t_k over their numbers

@@ -39,7 +39,7 @@ pub(super) fn cut(decays: Vec<Decay>) -> (Vec<Decay>, usize) {
                 times: decay.times[from..to].to_vec(),
                 base: decay.base,
                 outputs: decay.outputs.iter().map(|of| of[from..to].to_vec()).collect(),
-                beside: decay.beside.clone(),
+                beside: decay.beside.iter().map(|of| of[from..to].to_vec()).collect(),
             });
         }
     }
@@ -53,7 +53,11 @@ pub(super) fn length(times: &[f64], fewest_steps: f64) -> Option<usize> {
     // times with few digits stand still for most rows
     let mut moved: Vec<f64> = steps.iter().copied().filter(|step| *step != 0.0).collect();
     let far = if moved.is_empty() { 0.0 } else { fewest_steps * median(&mut moved) };
-    let begins = |at: usize| steps[at - 1] < 0.0 || steps[at - 1] > far;
+    // rows that were swapped go back by a step or so, and not to the begin
+    let begins = |at: usize| {
+        let is_back = steps[at - 1] < 0.0 && times[at] <= times[0];
+        is_back || steps[at - 1].abs() > far
+    };
     let length = (1..times.len()).find(|at| begins(*at)).filter(|n| *n >= FEWEST_SAMPLES)?;
     let last = times.len() % length;
     let is_regular = (1..times.len()).all(|at| begins(at) == at.is_multiple_of(length));
@@ -156,7 +160,8 @@ mod tests {
     use super::*;
 
     fn decay(times: Vec<f64>) -> Decay {
-        Decay { line: 2, outputs: vec![times.clone()], times, ..Decay::default() }
+        let [outputs, beside] = [(); 2].map(|()| vec![times.clone()]);
+        Decay { line: 2, outputs, beside, times, ..Decay::default() }
     }
 
     fn grid(samples: usize, begins: f64) -> impl Iterator<Item = f64> {
@@ -171,6 +176,7 @@ mod tests {
             ([0.0, 1000.0, 2000.0], 17, 3),
             ([0.0, 1000.0, 2000.0], 3, 0),
             ([0.0, 25.0, 50.0], 20, 0), // as if five rows were missing
+            ([0.0, 18.0, 36.0], 20, 0), // as if rows were out of order
         ] {
             let times = begins
                 .iter()
@@ -180,6 +186,7 @@ mod tests {
             assert_eq!((n, decays.len()), (segments, segments.max(1)), "{begins:?} {last}");
             assert!(n == 0 || (decays[1].line, &*decays[1].name) == (22, "segment 2"));
             assert!(decays.iter().all(|decay| decay.outputs[0] == decay.times));
+            assert!(decays.iter().all(|decay| decay.beside[0][0] == decay.times[0]));
         }
     }
 

@@ -92,8 +92,9 @@ pub struct Decay {
     pub base: i64,
     /// The samples of each output; NaN: missing.
     pub outputs: Vec<Vec<f64>>,
-    /// Values of the columns of [`Columns::beside`] in the decay's first row; NaN: missing.
-    pub beside: Vec<f64>,
+    /// The values of each column of [`Columns::beside`], row by row: a decay that is cut has several bursts, each with
+    /// that of its first row. NaN: missing.
+    pub beside: Vec<Vec<f64>>,
 }
 
 impl Decay {
@@ -195,19 +196,18 @@ impl Rows<'_> {
         let chosen = self.chosen;
         let cell = |c: usize| cell(c).map_err(|what| chosen.of_column(c, &what));
         chosen.check_names(burst, printhead)?;
-        self.cells += 1 + chosen.outputs.len();
+        self.cells += 1 + chosen.outputs.len() + chosen.beside.len();
         if self.cells > MOST_CELLS {
             return Err(format!(
                 "more than {MOST_CELLS} cells of time and outputs; cut the table into several"
             ));
         }
 
-        // the decay that the row belongs to; with its first row the values beside it are read
+        // the decay that the row belongs to
         let decays = &mut self.decays;
         let place = match self.by_name.entry((burst.to_owned(), printhead.to_owned())) {
             Entry::Occupied(known) => *known.get(),
             Entry::Vacant(new) => {
-                let beside = chosen.beside.iter().map(|&c| cell(c)).collect::<Result<_, _>>()?;
                 for (what, name) in [("burst", burst), ("printhead", printhead)] {
                     if name.len() > LONGEST_NAME {
                         let name = printable::cell(name);
@@ -217,7 +217,8 @@ impl Rows<'_> {
                 // a decay of its own takes about as much memory as 16 cells
                 self.cells += 16;
                 let (name, printhead) = (burst.to_owned(), printhead.to_owned());
-                let outputs = vec![Vec::new(); chosen.outputs.len()];
+                let [outputs, beside] =
+                    [&chosen.outputs, &chosen.beside].map(|of| vec![Vec::new(); of.len()]);
                 decays.push(Decay { name, printhead, line, outputs, beside, ..Decay::default() });
                 *new.insert(decays.len() - 1)
             }
@@ -231,7 +232,8 @@ impl Rows<'_> {
             None => (decay.times.len() as f64).into(),
         };
         decay.push_time(time);
-        for (column, &c) in decay.outputs.iter_mut().zip(&chosen.outputs) {
+        let columns = decay.outputs.iter_mut().zip(&chosen.outputs);
+        for (column, &c) in columns.chain(decay.beside.iter_mut().zip(&chosen.beside)) {
             column.push(cell(c)?);
         }
         Ok(())

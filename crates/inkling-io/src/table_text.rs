@@ -135,7 +135,7 @@ impl TextTable {
             }
             _ => String::new(),
         };
-        let names = printable::cell(lines[at]);
+        let names = printable::cell(&lines[at].replace('\t', " "));
         let begins = format!(
             "a table begins at line {} ({names}): --skip-lines {at} passes over what stands before it",
             at + 1
@@ -194,8 +194,9 @@ fn columns_beside(lines: &[&str], delimiter: char) -> Option<String> {
     let are_numbers = |line: &&str| -> Vec<bool> {
         line.split(delimiter).map(|cell| cell.trim().parse::<f64>().is_ok()).collect()
     };
-    // a number, a date or a time stands in the first column of other tables
-    let is_text = !lines.get(1)?.starts_with(|c: char| c.is_ascii_digit() || "+-.".contains(c));
+    // a number, a date, a time or nothing stands in the first column of other tables
+    let is_other = |c: char| c.is_ascii_digit() || "+-.".contains(c) || c == delimiter;
+    let is_text = !lines.get(1)?.starts_with(is_other);
     let lines: Vec<Vec<bool>> = lines.iter().take(LINES_BESIDE).map(are_numbers).collect();
     let in_all = |c: &usize| lines.iter().all(|line| line.get(*c) == Some(&true));
     let columns: Vec<String> =

@@ -83,7 +83,8 @@ impl TimeUnit {
         let words = words(name);
         let (Some(first), Some(last)) = (words.first(), words.last()) else { return Ok(None) };
         let is_named = words.len() > 1 && words[words.len() - 2] == "in";
-        if is_named && TimeUnit::called(last).is_none() || is_one_of(last, NO_UNITS) {
+        let is_other = is_one_of(last, NO_UNITS) || is_multiple(last);
+        if is_named && TimeUnit::called(last).is_none() || is_other {
             return Err(unknown(column));
         }
         // `ms_elapsed`; one letter, and `min`, may mean anything there
@@ -109,6 +110,12 @@ impl TimeUnit {
             _ => Err(()),
         }
     }
+}
+
+/// Whether a word is so many of a unit: `100ns`.
+fn is_multiple(word: &str) -> bool {
+    let unit = word.trim_start_matches(|c: char| c.is_ascii_digit());
+    unit.len() < word.len() && TimeUnit::called(unit).is_some()
 }
 
 /// Whether a sign separates no words: it may be what is left of a micro sign, as in `?s`.
@@ -165,7 +172,8 @@ pub(super) fn has_word_for_time(column: &str) -> bool {
         |word: &str| is_one_of(word.trim_end_matches(|c: char| c.is_ascii_digit()), TIMES);
     words.iter().any(|word| is_word(word))
         // a capital T is more often a temperature
-        || words.first().is_some_and(|word| word == "t") && (column.trim() == "t" || has_unit())
+        || words.first().is_some_and(|word| word == "t")
+            && (column.trim() == "t" || has_unit() || words.last().is_some_and(|of| is_multiple(of)))
 }
 
 /// Whether a column numbers the rows, by its name.
@@ -228,7 +236,7 @@ mod tests {
             ("Time (d)|Time / min|t_h", "days|minutes|hours"),
             ("time|t|x|Zeit|Time (UTC)|Date/Time|first", "-"),
             (
-                "Time (10 us)|t/fortnight|Time [ticks]|time_samples|Time in jiffies|Time (h:min:s)|t (1e-6 s)",
+                "Time (10 us)|t/fortnight|Time [ticks]|time_samples|Time in jiffies|Time (h:min:s)|t (1e-6 s)|t_100ns|Time 10us",
                 "?",
             ),
             (

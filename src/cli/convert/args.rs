@@ -238,7 +238,8 @@ impl BurstValue {
         match self {
             BurstValue::Constant(x) => x,
             BurstValue::Column { place, unit } => {
-                decay.beside.get(place).map_or(f64::NAN, |value| value * unit)
+                let first = decay.beside.get(place).and_then(|of| of.first());
+                first.map_or(f64::NAN, |value| value * unit)
             }
         }
     }

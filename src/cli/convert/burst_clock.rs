@@ -6,10 +6,12 @@
 //!
 //! There are three cases ([`BurstClock::next`]). Times of 1979 and later are taken as they are,
 //! unless options say otherwise. With `--every` bursts begin that far apart. Else times count from
-//! the first burst, and a burst that would begin before an earlier one ends (as with times that
-//! start at 0 again) is put after that one; so is a burst without a time.
+//! the first burst, and a burst that would begin before an earlier one of its printhead ends (as with times that
+//! start at 0 again) is put after that one; a burst without a time is put after all.
 
 use chrono::{DateTime, NaiveDate};
+use std::collections::HashMap;
+use std::sync::Arc;
 
 /// Times up to here (year 2200) leave room in i64 nanoseconds.
 const LATEST_NS: f64 = 7.258e18;
@@ -28,9 +30,9 @@ pub struct BurstClock {
     first_ns: Option<(i64, f64)>,
     /// Number of bursts that have got a time.
     given: u64,
-    /// End of the bursts so far, from the start of the first one, ns.
-    free_from_ns: f64,
-    /// Number of bursts that were put after the one before them, against their own time.
+    /// End of each printhead's bursts so far, from the start of the first one, ns.
+    free_from_ns: HashMap<Arc<str>, f64>,
+    /// Number of bursts that were put after one before them of their printhead, against their own time.
     pub moved: usize,
     /// Number of bursts without a time of their own.
     untimed: u64,
@@ -41,9 +43,9 @@ pub struct BurstClock {
 impl BurstClock {
     /// Begins anew, by the options `--start` and `--every`; what is told of earlier bursts stays.
     pub fn start_at(&mut self, start_ns: Option<i64>, every_s: Option<f64>) {
-        let (every_ns, free_from_ns) = (every_s.map(|s| s * 1e9), f64::NEG_INFINITY);
         let BurstClock { moved, untimed, latest_ns, .. } = *self;
-        let first = BurstClock { start_ns, every_ns, free_from_ns, ..BurstClock::default() };
+        let every_ns = every_s.map(|s| s * 1e9);
+        let first = BurstClock { start_ns, every_ns, ..BurstClock::default() };
         *self = BurstClock { moved, untimed, latest_ns, ..first };
     }
 
@@ -52,6 +54,7 @@ impl BurstClock {
     /// of one sample.
     pub fn next(
         &mut self,
+        printhead: &Arc<str>,
         time_ns: Option<(i64, f64)>,
         length_ns: f64,
         period_ns: f64,
@@ -83,13 +86,16 @@ impl BurstClock {
         // a millionth of a sample period is tolerated: it keeps bursts in place that follow each
         // other without a gap, whose times are rounded; the first burst begins at 0, even without a
         // time
-        let begins = match own < self.free_from_ns - 1e-6 * period_ns {
-            true => self.free_from_ns,
+        let counts = |of: &Arc<str>| time_ns.is_none() || of == printhead;
+        let ends = self.free_from_ns.iter().filter(|(of, _)| counts(of)).map(|(_, ns)| *ns);
+        let free_from_ns = ends.fold(f64::NEG_INFINITY, f64::max);
+        let begins = match own < free_from_ns - 1e-6 * period_ns {
+            true => free_from_ns,
             false if time_ns.is_none() => 0.0,
             false => own,
         };
         self.moved += usize::from(time_ns.is_some() && begins != own);
-        self.free_from_ns = begins + length_ns;
+        self.free_from_ns.insert(printhead.clone(), begins + length_ns);
         later(start_ns, begins)
     }
 
@@ -226,6 +232,25 @@ fn zone(text: &[u8]) -> (i64, &[u8]) {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    fn begun(start_ns: Option<i64>, every_s: Option<f64>) -> BurstClock {
+        let mut clock = BurstClock::default();
+        clock.start_at(start_ns, every_s);
+        clock
+    }
+
+    #[test]
+    fn bursts_of_other_printheads_may_overlap_where_they_have_a_time() {
+        let mut clock = begun(Some(0), None);
+        let bursts = [("A", Some(0.0)), ("A", Some(20.0)), ("B", Some(0.0)), ("B", Some(5.0))];
+        let untimed = [("A", None), ("B", None)];
+        let mut next = |(head, ns): (&str, Option<f64>)| {
+            clock.next(&head.into(), ns.map(|ns| (0, ns)), 10.0, 1.0).unwrap()
+        };
+        assert_eq!(bursts.map(&mut next), [0, 20, 0, 10]);
+        assert_eq!(untimed.map(&mut next), [30, 40]);
+        assert_eq!(clock.moved, 1);
+    }
 
     #[test]
     fn times_are_found_in_names() {

@@ -160,7 +160,8 @@ impl<'a> Conversion<'a> {
             return Err(of_burst(&what));
         }
 
-        // the time of the burst
+        // the time of the burst, among those of its printhead
+        let printhead = self.printhead_of(&decay.printhead)?;
         let period_ns = period_s * 1e9;
         let samples_per_channel = decay.outputs.first().map_or(0, Vec::len) as u32;
         let length_ns = f64::from(samples_per_channel) * period_ns;
@@ -175,7 +176,7 @@ impl<'a> Conversion<'a> {
         }
         let t_acq_ns = self
             .clock
-            .next(time_ns, length_ns, period_ns)
+            .next(&printhead, time_ns, length_ns, period_ns)
             .ok_or_else(|| wrong("its times reach beyond the years 1970 to 2200"))?;
 
         // channel numbers must fit into u32
@@ -185,7 +186,6 @@ impl<'a> Conversion<'a> {
                 "--first-channel {first_channel}: {channels} channels more have no numbers"
             )));
         }
-        let printhead = self.printhead_of(&decay.printhead)?;
         let samples = decay.samples().ok_or_else(|| wrong("a burst too large"))?;
 
         // what is told at the end

@@ -92,6 +92,7 @@ fn missing_cells_are_nan_and_what_is_no_number_names_its_line() {
             "line 2: \"1.000\" has three digits behind a point or comma, and \"2,00000\"",
         ),
         ("t\ty\n1,000\t2.00000\n1,007\t1.5\n", "line 2: \"1,000\" has three digits"),
+        ("t_100ns,y\n0,1\n", "not a unit of time that is known: --time-unit"),
         ("Time,y\n(?s),(V)\n0,1\n", "is no number: nor is it a unit of time"),
         ("t,y\n0,5,1,5\n", "line 2: 4 cells where the header has 2: write points before decimals"),
         ("t,y\n00:00.0,1\n00:00.5,1\n", "minutes and seconds, as spreadsheets show times"),
@@ -101,6 +102,8 @@ fn missing_cells_are_nan_and_what_is_no_number_names_its_line() {
         ("0,1\n1,2\n", "must name the columns"),
         ("# t,y\n0,1\n1,2\n", "must name the columns, without a # before them"),
         ("0,OL\n1,2\n2,3\n3,4\n", "must name the columns"),
+        (",400.5,437.8\n,357.2,374.2\n,261.3,256.1\n", "the first line holds numbers"),
+        (",400\n,357\n,261\n", "the first line holds numbers"),
         ("t,y\n0,CLIPPED\n1,2\n2,3\n3,4\n", "line 2: column \"y\": \"CLIPPED\" is no number"),
         ("t;y\n0;1'300.5\n1;2\n2;3\n3;4\n", "line 2: column \"y\": \"1'300.5\" is no number"),
         ("t\n0\n", "\"t\" has no comma, semicolon or tab"),
@@ -187,6 +190,7 @@ fn with_a_period_times_say_when_a_burst_began_where_they_can_be_read() {
         ("Time,y\n08:00:00,1\n08:00:01,2\n", vec![0.0, 1.0], 1),
         ("Time,y\nSample,V\n0,1\n1,2\n", vec![0.0, 1.0], 1),
         ("a,b\n5,1\n6,2\n", vec![0.0, 1.0], 2),
+        (",0,1\n5,1,2\n6,2,3\n", vec![0.0, 1.0], 2),
     ] {
         let (t, decays) = table(text.as_bytes(), &columns).unwrap();
         assert_eq!((&decays[0].times, t.outputs.len()), (&times, outputs), "{text}");

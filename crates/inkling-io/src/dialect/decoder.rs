@@ -9,6 +9,7 @@
 //! channels, period, samples are found, in this order; the burst is checked; last come idle times and
 //! neighbours.
 
+use super::fields::listed;
 use super::message::{Message, ns_of};
 use super::path::FieldPath;
 use super::plan::Plan;
@@ -177,7 +178,7 @@ impl ReadMessage<'_> {
     /// What a missing value means: zero in protobuf, which leaves out fields that are zero, and in
     /// a ROS array that ends before the element; an error in JSON.
     fn left_out<T>(&self, path: &FieldPath, zero: T) -> Result<T, NoBurst> {
-        if self.plan.names_every_field() { Err(self.wrong(path, "is needed")) } else { Ok(zero) }
+        if self.plan.names_every_field() { Err(self.missing(path)) } else { Ok(zero) }
     }
 
     /// The error for a value that is not what it should be.
@@ -189,9 +190,15 @@ impl ReadMessage<'_> {
             Some(Value::Array(_) | Value::Numbers(_)) => "an array".into(),
             Some(Value::Other) if is_time => self.message.time_in_words(path),
             Some(Value::Other) => "what it holds".into(),
-            None => "no value".into(),
+            None => return self.missing(path),
         };
         NoBurst::undecodable(format!("{path}: {value} {what}"))
+    }
+
+    /// The error for a value that is needed and not there: its field may have another name.
+    fn missing(&self, path: &FieldPath) -> NoBurst {
+        let there = listed(&self.plan.reading.fields(self.message));
+        NoBurst::undecodable(format!("{path} is not in the message; fields that exist: {there}"))
     }
 
     /// A constant of the dialect, or the value in the message; `None` without a source, too.

@@ -86,7 +86,7 @@ impl FieldInfo {
             }
             Slot::Time => (
                 matches!(of, (Integer | Float | Time, false)),
-                "ns as an integer, s as a float, a message of seconds and nanoseconds, or in JSON RFC 3339",
+                "ns as an integer, s as a float, a message of seconds and nanoseconds, or in JSON RFC 3339 with a zone",
             ),
             Slot::Idle => (matches!(self.kind, Integer | Float), "a number or an array of numbers"),
             Slot::Neighbours => (

@@ -5,9 +5,9 @@
 //! by field; fields as the user is shown them ([`ShownField`]).
 
 use super::fields::{FieldInfo, Kind, Slot};
-use super::message::Message;
+use super::message::{Message, date_of};
 use super::path::FieldPath;
-use super::plan::Reading;
+use super::plan::{Reading, unit_ns};
 use super::value::{self, Number, Value};
 use crate::printable;
 use bytes::Bytes;
@@ -127,6 +127,12 @@ impl FirstMessage {
 
     pub fn number(&self, path: &str) -> Option<f64> {
         Some(self.find(path)?.number()?.float())
+    }
+
+    /// The date that the number at `path` is, ns since 1970; `None`: it is none.
+    pub fn date(&self, path: &str) -> Option<i64> {
+        let own = path.rsplit('.').next().unwrap_or_default();
+        date_of(self.find(path)?.number()?, unit_ns(own))
     }
 
     /// All numbers of an array.

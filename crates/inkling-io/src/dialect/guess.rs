@@ -31,6 +31,8 @@ const MOST_SHOWN: usize = 64;
 const CHANNEL_WORDS: &str = "ch channel nozzle";
 /// The value of a key that only a person can fill in, as it stands in TOML.
 const QUESTION: &str = "\"?\"";
+/// Dates of one recording lie nearer to each other, ns.
+const YEAR_NS: i64 = 366 * 86_400 * 1_000_000_000;
 /// Parts of the names of well-known schemas whose large arrays are no ring-downs; messages of
 /// schemas with such a name are not looked at.
 const OTHERS: [&str; 8] = ["Image", "Video", "PointCloud", "Grid", "Scan", "Mesh", "Model", "Map"];
@@ -60,8 +62,8 @@ pub fn guess(
     let others = others.iter().filter(|of| of.len() <= MOST_MESSAGE_BYTES);
     let others = others.filter_map(|of| FirstMessage::of(&reading, of).ok()).collect();
     let (toml, open) = (String::from("[[input.dialect]]\n"), Vec::new());
-    let (topic, first, samples) = (written.topic, &first, &samples);
-    let mut guess = Guess { topic, first, others, samples, toml, open };
+    let (topic, path, first, samples) = (written.topic, &*field.path, &first, &samples);
+    let mut guess = Guess { topic, path, first, others, samples, toml, open };
     guess.say_all(written.schema, field, topics);
     let Guess { toml, open, .. } = guess;
 
@@ -81,6 +83,8 @@ pub struct Proposal {
 
 struct Guess<'a> {
     topic: &'a str,
+    /// Where the samples are.
+    path: &'a str,
     first: &'a FirstMessage,
     /// Further messages of the kind.
     others: Vec<FirstMessage>,
@@ -190,17 +194,18 @@ impl Guess<'_> {
         }
     }
 
-    /// Whether a message has one channel, whose number it says.
+    /// Whether a message has one channel, whose number it says, and not the number of channels under such a name.
     fn is_of_one_channel(&self) -> bool {
         let is_flat = self.samples.outer.is_none();
+        let number = find(&self.first.fields, &CHANNEL, Slot::FirstChannel);
         is_flat
             && find(&self.first.fields, &CHANNELS, Slot::Channels).is_none()
-            && find(&self.first.fields, &CHANNEL, Slot::FirstChannel).is_some()
+            && number.is_some_and(|path| !self.counts_rings(&path))
     }
 
     /// Writes the field of the time: one that is named like a time, before all a message of seconds and
-    /// nanoseconds or a text that is a date; else any of those. If there is none, the key is left out,
-    /// and the log time counts.
+    /// nanoseconds or a text that is a date; else any of those, else a number that is a date. If there is none, the key
+    /// is left out, and the log time counts.
     fn say_time(&mut self) {
         let fields = self.first.fields.iter();
         let times: Vec<&FieldInfo> = fields.filter(|of| of.can_be(Slot::Time).is_ok()).collect();
@@ -213,7 +218,37 @@ impl Guess<'_> {
         let named = named.or_else(|| times.iter().find(is_named).copied());
         if let Some(field) = named.or(stamps.first().copied()) {
             self.say("time", &quoted(&field.path), "");
+        } else if let Some(field) = times.iter().find(|field| self.is_date(&field.path)) {
+            self.say("time", &quoted(&field.path), "? by its numbers, which are dates");
+        } else if let Some((path, why)) = self.unread_time() {
+            let _ = writeln!(self.toml, "# time: left out, as {path} {why}; the log time counts");
         }
+    }
+
+    /// Whether a number is a date in all messages, within a year, and not the same one in them all.
+    fn is_date(&self, path: &str) -> bool {
+        let all = [self.first].into_iter().chain(&self.others).map(|of| of.date(path));
+        let Some(dates) = all.collect::<Option<Vec<i64>>>() else { return false };
+        let least = dates.iter().min().copied().unwrap_or_default();
+        let span = dates.iter().map(|date| date - least).max().unwrap_or_default();
+        span < YEAR_NS && (span > 0 || self.others.is_empty())
+    }
+
+    /// A field that is called time and cannot be read as one, and why.
+    fn unread_time(&self) -> Option<(String, String)> {
+        let has_digits = |field: &FieldInfo| {
+            let text = self.first.text(&field.path);
+            text.is_some_and(|text| text.contains(|c: char| c.is_ascii_digit()))
+        };
+        let may_be = |field: &&FieldInfo| {
+            field.path != self.path && (field.is_numbers() || has_digits(field))
+        };
+        let fields: Vec<&FieldInfo> = self.first.fields.iter().filter(may_be).collect();
+        let own = |field: &FieldInfo| {
+            has_word_for_time(field.path.rsplit('.').next().unwrap_or_default())
+        };
+        let field = TIME.find(&fields).or_else(|| fields.into_iter().find(|field| own(field)))?;
+        Some((field.path.clone(), field.can_be(Slot::Time).err()?))
     }
 
     /// A question mark in a comment says what a person should check; one as the value says that

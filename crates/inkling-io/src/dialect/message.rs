@@ -82,6 +82,11 @@ pub fn ns_of(number: Number, named: Option<i64>, log_ns: i64) -> Option<i64> {
     found.or_else(|| others().find(is_near)).or(usual_ns)
 }
 
+/// The time that a number means that is a date, in ns since 1970; `None`: it is none. `named`: see [`ns_of`].
+pub fn date_of(number: Number, named: Option<i64>) -> Option<i64> {
+    ns_of(number, named, 0).filter(|t_ns| DATED_NS.contains(t_ns))
+}
+
 /// Units of times, ns.
 const UNITS: [i64; 4] = [1, 1_000, 1_000_000, 1_000_000_000];
 const DAY_NS: u64 = 86_400 * 1_000_000_000;

@@ -235,7 +235,7 @@ fn check_json(
 }
 
 /// The unit that a field of times is named for, ns; minutes and more are more often something else.
-fn unit_ns(field: &str) -> Option<i64> {
+pub(super) fn unit_ns(field: &str) -> Option<i64> {
     let unit = TimeUnit::in_name(field).ok().flatten()?;
     (1.0..=1e9).contains(&unit.ns).then_some(unit.ns as i64)
 }

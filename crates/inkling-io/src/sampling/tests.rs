@@ -63,7 +63,7 @@ fn rows_that_are_not_there_are_counted_and_told() {
 fn advice_about_rounded_times_gaps_between_acquisitions_and_rows_of_one_time_leads_to_right_data() {
     let grid = |k: i32| f64::from(k) * 0.78125;
     let every = |n: i32, of: &dyn Fn(i32) -> f64| (0..n).map(of).collect::<Vec<f64>>();
-    let by_rows = "--period-s 0.00000078125 takes rows as samples";
+    let by_rows = "--period-s 0.00000078125 (about) takes rows as samples";
     for (times, says) in [
         (every(129, &|k| (grid(k) / 0.5).round() * 0.5), by_rows),
         (every(128, &|k| 1e6 + grid(k) + f64::from(k / 40) * 1e5), "each needs a table"),
@@ -93,6 +93,19 @@ fn rows_that_are_samples_are_cut_where_acquisitions_begin() {
     let times = (0..60).map(|k| f64::from(k / 20) * 1e6 + f64::from(k % 20 / 2)).collect();
     let listed = as_listed(vec![decay(times, f64::sin)]).unwrap();
     assert_eq!((listed.segments, listed.decays[2].times[0]), (3, 2e6));
+}
+
+#[test]
+fn two_rows_that_were_swapped_are_to_be_sorted_and_are_no_two_acquisitions() {
+    for at in [2, 64, 126] {
+        let mut times: Vec<f64> = (0..128).map(f64::from).collect();
+        times.swap(at, at + 1);
+        for resample in [false, true] {
+            let sampled = sample(vec![decay(times.clone(), f64::sin)], T, resample);
+            let says = format!("rows {} and {} are out of order", at + 1, at + 2);
+            assert_refused(sampled, &[&says, "sort the rows by it"]);
+        }
+    }
 }
 
 #[test]

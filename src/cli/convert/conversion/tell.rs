@@ -98,7 +98,10 @@ impl Conversion<'_> {
         }
         if self.clock.moved > 0 {
             let n = self.clock.moved;
-            writeln!(out, "  {n} bursts begin where an earlier one has not ended: put after it")?;
+            writeln!(
+                out,
+                "  {n} bursts begin where an earlier one of their printhead has not ended: put after it"
+            )?;
         }
         Ok(())
     }

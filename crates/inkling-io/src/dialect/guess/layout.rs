@@ -7,8 +7,12 @@
 use super::{Guess, QUESTION, quoted};
 use crate::dialect::dimensions::Dimensions;
 use crate::dialect::fields::Slot;
+use crate::dialect::first_message::FirstMessage;
 use crate::dialect::names::{CHANNELS, COLUMNS, Names, find};
 use inkling_core::model::row_layout::RowLayout;
+
+/// Why so many channels.
+const BY_SAMPLES: &str = "by the samples: so many signals ring alike";
 
 /// A field whose whole number `n` divides the number of samples, so that `n` may be the channels or
 /// the samples per channel.
@@ -59,15 +63,16 @@ impl Guess<'_> {
                 let comment = "? not in the message: numbers of the first, by samples_per_channel";
                 (n.to_string(), comment)
             }
-            (None, None, Some(lie), _) => {
-                (lie.channels.to_string(), "by the samples: so many signals ring alike")
-            }
+            (None, None, Some(lie), _) => (lie.channels.to_string(), BY_SAMPLES),
             (None, None, None, Some(outer)) => {
                 (outer.to_string(), "? the lists in the first message")
             }
             (None, None, None, None) => (QUESTION.into(), &*unknown),
         };
-        self.say("channels", &value, comment);
+        let shown = lie.filter(|_| rows.is_none()).map(|lie| lie.channels);
+        if !shown.is_some_and(|n| self.say_counting_field(n)) {
+            self.say("channels", &value, comment);
+        }
         // 4. the samples per channel; a field that contradicts the channels is left out, and then
         //    the decoder divides the samples by the channels
         if let Some(columns) = columns.filter(|columns| agrees(columns.n)) {
@@ -113,6 +118,45 @@ impl Guess<'_> {
         let either = [of.n, self.samples.numbers.len() / of.n];
         let lie = RowLayout::likeliest(&self.samples.numbers, |n| either.contains(&n));
         lie.is_some_and(|lie| lie.channels == of.n)
+    }
+
+    /// Whether a field that is called like the number of a channel holds how many rings there are.
+    pub(super) fn counts_rings(&self, path: &str) -> bool {
+        let lie = RowLayout::likeliest(&self.samples.numbers, |_| true);
+        lie.is_some_and(|lie| self.holds(path, lie.channels))
+    }
+
+    /// Writes the field that holds the number of channels, `n` in the first message; gives whether there is one. A
+    /// number would be that of one topic, and others may have other printheads.
+    fn say_counting_field(&mut self, n: usize) -> bool {
+        let fields = self.first.fields.iter().filter(|of| of.can_be(Slot::Channels).is_ok());
+        let paths: Vec<&str> =
+            fields.map(|of| &*of.path).filter(|path| self.holds(path, n)).collect();
+        let [first, others @ ..] = &paths[..] else { return false };
+        let comment = match others {
+            [] => BY_SAMPLES.to_owned(),
+            others => format!("? or {}; {BY_SAMPLES}", others.join(", ")),
+        };
+        let first = quoted(first);
+        self.say("channels", &first, &comment);
+        true
+    }
+
+    /// Whether a field holds `n` in the first message, and in each other one of another shape a number of signals that
+    /// may ring alike there.
+    fn holds(&self, path: &str, n: usize) -> bool {
+        let mut shapes = vec![(n, self.samples.numbers.len())];
+        let may_be = |of: &FirstMessage| {
+            let (Some(n), Some(numbers)) = (of.count(path), of.numbers(self.path)) else {
+                return false;
+            };
+            let shape = (n, numbers.len());
+            let is_new = !shapes.contains(&shape);
+            shapes.push(shape);
+            let lie = || RowLayout::likeliest(&numbers, |_| true);
+            !is_new || shape.1.is_multiple_of(n) && lie().is_none_or(|lie| lie.channels == n)
+        };
+        self.first.count(path) == Some(n) && self.others.iter().all(may_be)
     }
 
     fn divisor(&self, names: &Names, slot: Slot) -> Option<Divisor> {
