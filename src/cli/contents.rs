@@ -57,6 +57,8 @@ pub struct Contents {
     pub damage: Vec<Damage>,
 }
 
+/// Most characters of what is wrong with a message: the fields that it has are a part of it.
+const MOST_TOLD: usize = 600;
 /// Most groups that are kept: a hostile file may have millions.
 const MOST_GROUPS: usize = 1000;
 
@@ -138,7 +140,8 @@ impl Contents {
             writeln!(out, "  unusable {} {why}", thousands(*n))?;
         }
         if !self.undecodable.is_empty() {
-            writeln!(out, "           the first undecodable: {}", printable(&self.undecodable))?;
+            let first = inkling_io::printable::line(&self.undecodable, MOST_TOLD);
+            writeln!(out, "           the first undecodable: {first}")?;
         }
         Ok(())
     }
