@@ -52,7 +52,7 @@ fn told(house: &House, out: &str) -> Vec<Told> {
 }
 
 #[test]
-fn a_clock_that_was_set_back_or_never_set_changes_no_fault() {
+fn a_clock_that_was_set_back_or_never_set_or_is_wrong_once_changes_no_fault() {
     let house = House::new();
     let began = bursts(&sample("print_run.mcap"))[0].t_acq_ns;
     let step =
@@ -63,6 +63,7 @@ fn a_clock_that_was_set_back_or_never_set_changes_no_fault() {
     night(&house, "back_years.mcap", 0, step(30, 9_000 * DAY));
     night(&house, "uptime.mcap", 0, |_| 312 * S - began);
     night(&house, "future.mcap", 0, |_| 3_650 * DAY);
+    night(&house, "once.mcap", 0, |since| if since / S == 30 { 3_600 * S } else { 0 });
     let run = |name: &str| {
         let ended = house.run(&format!("replay {name}.mcap {DESIGN} --out {name} --quiet"));
         assert_eq!(ended.code(), Some(0), "{name}: {}", ended.stderr());
@@ -76,6 +77,7 @@ fn a_clock_that_was_set_back_or_never_set_changes_no_fault() {
         ("back_years", "went back by 24.6 years"),
         ("uptime", "are dated 1970-01-01 00:05:12"),
         ("future", "recorded from 2025-01-01 08:00:00 on"),
+        ("once", "apart from the others"),
     ] {
         let (said, now) = run(name);
         assert_eq!(said.matches(words).count(), 3, "{name}: once for each printhead: {said}");

@@ -52,26 +52,21 @@ pub struct Doubt {
 pub enum Known<'a> {
     /// There is no design.
     Nothing,
-    /// How signals lie, and how far apart their samples are, but of these printheads, in which its ring is not found.
+    /// How signals lie, and how far apart their samples are; its ring is not found in the signals of these printheads.
     But(&'a [&'a str]),
-}
-
-impl Known<'_> {
-    /// How the signals of a printhead lie, and how far apart their samples are.
-    fn knows(self, printhead: &str) -> bool {
-        match self {
-            Known::Nothing => false,
-            Known::But(others) => !others.contains(&printhead),
-        }
-    }
 }
 
 pub fn doubts(recording: &Recording, by_design: Known) -> Vec<Doubt> {
     let has_design = matches!(by_design, Known::But(_));
     let most = if has_design { FEW_BURSTS } else { MOST_BURSTS };
     let doubt = |(printhead, bursts): (String, Vec<Burst>)| {
-        let of_ring = || of_layout(&bursts).or_else(|| of_period(&bursts));
-        if let Some(what) = if by_design.knows(&printhead) { None } else { of_ring() } {
+        let of_ring = match by_design {
+            Known::Nothing => of_layout(&bursts).or_else(|| of_period(&bursts)),
+            // noise may be the reason, too
+            Known::But(others) if others.contains(&&*printhead) => of_other_layout(&bursts),
+            Known::But(_) => None,
+        };
+        if let Some(what) = of_ring {
             let is_settled_by_design = !has_design;
             return Some(Doubt { printhead, what, is_of_most: true, is_settled_by_design });
         }
@@ -132,44 +127,43 @@ fn row_layout(burst: &Burst) -> Option<RowLayout> {
 }
 
 /// The doubt about a layout, if more than half of the bursts give it: they look like ring-downs laid out the other
-/// way, or their neighbouring samples are not alike at all.
+/// way, which is the likelier cause, or their neighbouring samples are not alike at all.
 fn of_layout(bursts: &[Burst]) -> Option<String> {
-    let (mut noisy, mut other_way) = (Vec::new(), Vec::new());
-    for burst in bursts {
+    let noisy = || {
+        let here = bursts.iter().filter_map(row_layout);
+        let noisy: Vec<RowLayout> = here.filter(|of| of.neighbours < LEAST_NEIGHBOURS).collect();
+        let first = noisy.first().filter(|_| 2 * noisy.len() > bursts.len())?;
+        Some(format!(
+            "these are no ring-downs as laid out: neighbouring samples of a channel correlate {:.2}; look at `format`, \
+             `layout`, `channels` and `samples_per_channel`",
+            first.neighbours
+        ))
+    };
+    of_other_layout(bursts).or_else(noisy)
+}
+
+/// The doubt about a layout where the bursts are no ring-downs as laid out, and are if laid out the other way.
+fn of_other_layout(bursts: &[Burst]) -> Option<String> {
+    let other_way = |burst: &Burst| {
         let exchanged = match burst.layout {
             Layout::ChannelMajor => Layout::SampleMajor,
             Layout::SampleMajor => Layout::ChannelMajor,
         };
-        let exchanged = Burst { layout: exchanged, ..burst.clone() };
-        let Some(here) = row_layout(burst) else { continue };
-        if here.neighbours < LEAST_NEIGHBOURS {
-            noisy.push(here);
-        }
-        let other = row_layout(&exchanged).filter(RowLayout::is_plausible);
-        if let Some(other) =
-            other.filter(|_| burst.channels as usize >= FEWEST_ALIKE && !here.is_plausible())
-        {
-            other_way.push((here, other));
-        }
-    }
-
+        let here = row_layout(burst).filter(|here| !here.is_plausible())?;
+        let other = row_layout(&Burst { layout: exchanged, ..burst.clone() })?;
+        let are_many = burst.channels as usize >= FEWEST_ALIKE;
+        (are_many && other.is_plausible()).then_some((here, other))
+    };
+    let all: Vec<(RowLayout, RowLayout)> = bursts.iter().filter_map(other_way).collect();
+    let (here, other) = all.first().filter(|_| 2 * all.len() > bursts.len())?;
     let major = |of: &RowLayout| if of.sample_major { "sample-major" } else { "channel-major" };
-    // the other layout is the likelier cause
-    if let Some((here, other)) = other_way.first().filter(|_| 2 * other_way.len() > bursts.len()) {
-        return Some(format!(
-            "these are no ring-downs as laid out: {} channels have {:.2} of their energy in common, {} \
-             {:.2}; look at `layout`, `channels` and `samples_per_channel`",
-            major(here),
-            here.alike.max(0.0),
-            major(other),
-            other.alike
-        ));
-    }
-    let first = noisy.first().filter(|_| 2 * noisy.len() > bursts.len())?;
     Some(format!(
-        "these are no ring-downs as laid out: neighbouring samples of a channel correlate {:.2}; look at \
-         `format`, `layout`, `channels` and `samples_per_channel`",
-        first.neighbours
+        "these are no ring-downs as laid out: {} channels have {:.2} of their energy in common, {} \
+         {:.2}; look at `layout`, `channels` and `samples_per_channel`",
+        major(here),
+        here.alike.max(0.0),
+        major(other),
+        other.alike
     ))
 }
 

@@ -91,10 +91,10 @@ fn known(report: &Report, head: &Head, channels: &str) -> (Light, String) {
             format!("{share} of its signals flagged, on no channel often enough to call it faulty")
         }
         _ if judged < all => {
-            let words = format!("{channels}, nothing to clean in the {share} that were judged");
+            let words = format!("{channels}, no open fault in the {share} that were judged");
             return (Light::Green, words);
         }
-        _ => return (Light::Green, format!("{channels}, nothing to clean")),
+        _ => return (Light::Green, format!("{channels}, no open fault")),
     };
     (Light::Grey, grey)
 }
