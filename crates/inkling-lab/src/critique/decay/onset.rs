@@ -37,20 +37,17 @@ pub fn onset(decays: &Decays) -> usize {
     // a sum of many modes fits a pendulum, too, and better than one oscillator does: so it must be needed
     let is_bent = bends.left() < LITTLE || foreseen(&bends) < foreseen(&rings);
     let mut tried = backwards(decays, if is_bent { &bends } else { &rings }, last);
-    // the whole record has its own chance, from its own start
-    let whole = |is_bent| judged(decays, &if is_bent { bent(decays) } else { modes(decays) }, 0);
-    tried.extend(whole(is_bent));
+    // the whole record has its own chance, from its own start and by either model: the later part does not hold a mode
+    // that fades before it begins
+    let whole = [bent(decays), modes(decays)];
+    tried.extend(whole.iter().filter_map(|whole| judged(decays, whole, 0)));
     let least = |of: &mut dyn Iterator<Item = &Tried>| {
         of.min_by(|p, q| p.deviance.total_cmp(&q.deviance)).copied()
     };
     let best = least(&mut tried.iter());
-    let at_once = least(&mut tried.iter().filter(|t| t.at == 0));
-    match (best, at_once) {
-        (Some(best), Some(at_once)) if (best.ln_share - at_once.ln_share).exp() < DRIVEN => {
-            // the later part does not hold a mode that fades before it begins, so that the other model may be right
-            let is_free = whole(!is_bent).is_some_and(|other| other.deviance < best.deviance);
-            if is_free { 0 } else { best.at }
-        }
+    let whole = least(&mut tried.iter().filter(|t| t.at == 0));
+    match (best, whole) {
+        (Some(best), Some(whole)) if (best.ln_share - whole.ln_share).exp() < DRIVEN => best.at,
         _ => 0,
     }
 }
