@@ -37,10 +37,9 @@ pub fn onset(decays: &Decays) -> usize {
     // a sum of many modes fits a pendulum, too, and better than one oscillator does: so it must be needed
     let is_bent = bends.left() < LITTLE || foreseen(&bends) < foreseen(&rings);
     let mut tried = backwards(decays, if is_bent { &bends } else { &rings }, last);
-    // the whole record has its own chance, from its own start and by either model: the later part does not hold a mode
-    // that fades before it begins
-    let whole = [bent(decays), modes(decays)];
-    tried.extend(whole.iter().filter_map(|whole| judged(decays, whole, 0)));
+    // the whole record has its own chance, from its own start
+    let whole = if is_bent { bent(decays) } else { modes(decays) };
+    tried.extend(judged(decays, &whole, 0));
     let least = |of: &mut dyn Iterator<Item = &Tried>| {
         of.min_by(|p, q| p.deviance.total_cmp(&q.deviance)).copied()
     };

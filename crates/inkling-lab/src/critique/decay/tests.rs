@@ -287,13 +287,6 @@ fn what_is_held_at_first_is_free_from_where_it_is_let_go() {
 }
 
 #[test]
-fn a_mode_that_fades_early_is_no_drive() {
-    let c = ringing(&[[0.11, 0.002], [0.5, 0.03]], 1, 0, 63);
-    assert_eq!(names(&c), ["offset", "second_mode"], "{}", c.sentence);
-    assert_eq!(c.plant.unwrap().onset_s, 0.0);
-}
-
-#[test]
 fn the_extended_equation_is_in_the_report() {
     let c = said(&Truth { sine: 0.9, falls_to: 0.3, drag: 2.0, offset: 0.05, ..PLAIN }, 1);
     assert_eq!(names(&c), ["cubic_stiffness", "offset", "quadratic_drag"]);
