@@ -73,7 +73,7 @@ pub struct Severities {
     sum_t_ns: f64,
     /// Number of flagged signals of the fault that have no size in this quantity.
     pub(super) missed: f64,
-    /// t_a of the last signal with a size, ns, and its size.
+    /// t_a of the last signal with a size and a name, ns, and its size.
     last: Option<(i64, f64)>,
 }
 
@@ -136,21 +136,22 @@ impl Severities {
 pub type Course = TimeBins<Severities>;
 
 impl Course {
-    /// Adds one severity, unless it is infinite or NaN.
-    pub fn add(&mut self, t_ns: i64, severity: f64) {
+    /// Adds one severity, unless it is infinite or NaN. `is_named`: the signal is certain enough for a name, so that it
+    /// may be quoted as the last size.
+    pub fn add(&mut self, t_ns: i64, severity: f64, is_named: bool) {
         if severity.is_finite() {
             self.at(t_ns).pool(Severities {
                 n: 1.0,
                 sum: severity,
                 sum_of_squares: severity * severity,
                 sum_t_ns: t_ns as f64,
-                last: Some((t_ns, severity)),
+                last: is_named.then_some((t_ns, severity)),
                 ..Severities::default()
             });
         }
     }
 
-    /// The size of the last signal from one time until before another.
+    /// The size of the last signal with a name from one time until before another.
     pub fn last(&self, from_ns: i64, to_ns: i64) -> Option<f64> {
         let all = self.values().filter_map(|bin| bin.last);
         let within = all.filter(|(t_ns, _)| (from_ns..to_ns).contains(t_ns));
@@ -383,7 +384,7 @@ mod tests {
             for k in 0..30i64 {
                 let day = night as f64;
                 let size = 0.3 + 0.02 * day + 0.015 * (day / 5.0).sin() + 0.002 * (k % 5) as f64;
-                course.add(night * DAY_NS as i64 + k * 1_000_000_000, size);
+                course.add(night * DAY_NS as i64 + k * 1_000_000_000, size, true);
             }
             let found = trend(&course, 0, i64::MAX).map(|trend| trend.direction());
             assert!(night < 5 || found == Some(Direction::Worse), "night {night}: {found:?}");
@@ -428,7 +429,7 @@ mod tests {
                 for burst in 0..30 {
                     let t_ns = (f64::from(night) * DAY_NS) as i64 + burst * 1_000_000_000;
                     let size = mean + 0.015 * noise(&mut rng);
-                    if size > 1.1 { course.add(t_ns, size) } else { course.miss(t_ns) }
+                    if size > 1.1 { course.add(t_ns, size, true) } else { course.miss(t_ns) }
                 }
             }
             let holds = |of: Option<Trend>| {

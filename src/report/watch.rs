@@ -168,7 +168,7 @@ impl Said {
         let is_measured = |of: &str| sizes.iter().flatten().any(|size| size.quantity == of);
         for Size { quantity, size } in sizes.iter().flatten() {
             let course = self.courses.of(quantity);
-            course.into_iter().for_each(|course| course.add(t_ns, *size));
+            course.into_iter().for_each(|course| course.add(t_ns, *size, category.is_some()));
         }
         self.courses.but_for(is_measured).for_each(|course| course.miss(t_ns));
     }
