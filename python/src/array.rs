@@ -135,6 +135,7 @@ impl Array {
         }
         let too_many = |_| Failure::usage(format!("{channels} channels of {samples} samples"));
         let of_all = Burst {
+            topic: 0,
             t_acq_ns: 0,
             logged_ns: 0,
             printhead: Arc::from(self.printhead.as_str()),
