@@ -228,10 +228,8 @@ impl HeadClock {
             }
             return Standing::InOrder;
         }
-        let apart = match is_ahead || since.unsigned_abs() > self.jump_ns as u64 {
-            true => Standing::Stray,
-            false => Standing::Late,
-        };
+        let is_stray = is_ahead || since.unsigned_abs() > self.jump_ns as u64;
+        let apart = if is_stray { Standing::Stray } else { Standing::Late };
         if self.order.is_shuffled {
             self.set_aside(Stretch::of(t_ns));
             return apart;
